@@ -1,1 +1,1 @@
-"""Detection of people and objects in color images: YOLO family, RT-DETR or DETR as ONNX."""
+"""Detection of people and objects in color images by ONNX models (YOLO family, RT-DETR, DETR)."""

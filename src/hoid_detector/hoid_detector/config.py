@@ -16,7 +16,7 @@ _LAYOUTS = tuple(dict.fromkeys(layout.name for layout in LAYOUTS))
 
 @dataclass(frozen=True)
 class DetectorConfig(Config):
-    """Parameters of detection; `auto` takes the value from the model file (`model/layouts.py`)."""
+    """Parameters of detection; `auto`: the value follows from the model (`model/layouts.py`)."""
 
     model: str = param(
         '',
@@ -31,7 +31,7 @@ class DetectorConfig(Config):
         'where people come into view fast and close.',
         limits=(0.0, 1000.0),
     )
-    # As in YOLOv5's detect.py.
+    # Default of YOLOv5's detect.py.
     score_threshold: float = param(
         0.25,
         'Lowest score of a reported box, from 0 to 1. Lower it when people are missed; raise it '
@@ -47,7 +47,7 @@ class DetectorConfig(Config):
         limits=(0.0, 1.0),
         expert=True,
     )
-    # As in YOLOv5's detect.py.
+    # Default of YOLOv5's detect.py.
     nms_iou: float = param(
         0.45,
         'Overlap of two boxes of one class (intersection over union, from 0 to 1) above which '
@@ -68,8 +68,8 @@ class DetectorConfig(Config):
         'Execution providers of onnxruntime in order of preference; empty: the first of tensorrt, '
         'cuda, openvino and cpu that is installed. Set it to cpu to keep the GPU free.',
     )
-    # Measured for an image with YOLOX-nano: a second thread saves 0.4 ms of 8.4 ms, and takes 3 ms
-    # of another core.
+    # Measured with YOLOX-nano: a second thread saves 0.4 of 8.4 ms per image, but uses 3 ms of
+    # another core.
     threads: int = param(
         1,
         'Number of CPU threads of the network; 0 means one per core. Raise it for a large model '

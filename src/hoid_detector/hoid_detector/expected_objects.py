@@ -1,6 +1,6 @@
-"""Weak detections that are kept because the object map expects an object of their class there.
+"""Weak detections are kept where the object map expects an object of their class.
 
-The prior of Detect-SLAM (Zhong et al., WACV 2018).
+This is the prior of Detect-SLAM (Zhong et al., WACV 2018).
 """
 
 from __future__ import annotations
@@ -10,20 +10,20 @@ import numpy as np
 from hoid_common.values import NS_PER_S, BoolArray, Detections, Float32Array, IntArray
 from hoid_native import intersections_over_union
 
-_MIN_IOU = 0.5  # of a weak and an expected box; from a trial on six rendered rooms
-# Chosen: boxes of older images are not used, because the camera has moved since.
+_MIN_IOU = 0.5  # least overlap of a weak and an expected box; from a trial on six rendered rooms
+# Chosen: older expected boxes are not used, because the camera has moved since.
 _MAX_AGE_NS = NS_PER_S
-# An expected and a confident box of one class show the same object from this intersection over
-# union on; such pairs measure the shift of the image since the boxes were expected. Not tuned.
+# An expected and a confident box of the same class show the same object if their intersection over
+# union is at least this. Such pairs measure how far the image has moved. Not tuned.
 _MIN_IOU_SHIFTED = 0.1
 
 
 def confirmed_rows(weak: Detections, strong: Detections, expected: Detections) -> IntArray:
-    """Return the rows (M,) of weak boxes that show expected objects, at most one box per object.
+    """Return the rows (M,) of weak boxes that show expected objects, at most one per object.
 
-    The expected boxes are first shifted by the median motion of detected objects, because the
-    camera may have moved. The best box of an object's class that overlaps it by half is returned,
-    unless a strong box of any class overlaps it by half: then the object was detected already.
+    The expected boxes are first shifted by the median image motion of detected objects. For each
+    object, the best weak box of its class that overlaps it by half is returned, unless a strong
+    box of any class overlaps it by half: the object is detected already.
     """
     if abs(weak.stamp_ns - expected.stamp_ns) >= _MAX_AGE_NS or not len(weak):
         return np.empty(0, np.int64)
@@ -40,7 +40,7 @@ def confirmed_rows(weak: Detections, strong: Detections, expected: Detections) -
 
 
 def _shift_px(expected: Detections, strong: Detections) -> Float32Array:
-    """Return the median motion (2,) [px] of expected boxes that were detected; 0 without one."""
+    """Return the median shift (2,) in px from expected boxes to detections of them; 0 if none."""
     overlaps = intersections_over_union(expected.boxes_xyxy_px, strong.boxes_xyxy_px)
     overlaps = np.where(_are_alike(expected, strong), overlaps, 0)
     rows = np.flatnonzero((overlaps >= _MIN_IOU_SHIFTED).any(axis=1))

@@ -11,10 +11,10 @@ R = TypeVar('R')
 
 
 class NewestWins(Generic[T, R]):
-    """Processes one item at a time in a worker thread, while only the newest other item waits.
+    """Processes items in a worker thread, one at a time; of the waiting ones, only the newest.
 
-    One thread, the owner, calls the methods. The worker calls `work`, then `wake`; the owner must
-    then call `finish`.
+    One thread, the owner, calls the methods. The worker calls `work`, then `wake`, after which the
+    owner must call `finish`.
     """
 
     def __init__(self, work: Callable[[T], R], wake: Callable[[], object]) -> None:
@@ -23,13 +23,13 @@ class NewestWins(Generic[T, R]):
         self._pool = ThreadPoolExecutor(max_workers=1)
         self._running: Future[R] | None = None
         self._waiting: T | None = None
-        self._is_due = False  # whether the waiting item starts as soon as no other item runs
+        self._is_due = False  # whether the waiting item starts as soon as the running one ends
         self.num_dropped = 0  # items that a newer item replaced
 
     def offer(self, item: T, *, is_due: bool = True) -> None:
         """Replace the waiting item by a new item, and start it if it is due and nothing runs.
 
-        Other items wait for `start_waiting`, unless they replace a due item.
+        An item that is not due waits for `start_waiting`, unless it replaces a due item.
         """
         if self._waiting is not None:
             self.num_dropped += 1
@@ -39,7 +39,7 @@ class NewestWins(Generic[T, R]):
             self.start_waiting()
 
     def start_waiting(self) -> None:
-        """Process the waiting item, if there is one, now or after the running item."""
+        """Start the waiting item, if there is one, now or when the running item ends."""
         self._is_due = self._waiting is not None
         if self._running is None and self._waiting is not None:
             item, self._waiting, self._is_due = self._waiting, None, False
@@ -47,7 +47,7 @@ class NewestWins(Generic[T, R]):
             self._running.add_done_callback(lambda _: self._wake())
 
     def finish(self) -> R | None:
-        """Return the result (None after `clear`) or raise its error; start a due waiting item."""
+        """Return the worker's result (None after `clear`) or raise its error; start a due item."""
         if self._running is None or not self._running.done():
             return None
         done, self._running = self._running, None

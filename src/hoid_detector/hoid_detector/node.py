@@ -1,4 +1,4 @@
-"""Detector node: publishes the detections of color images; under load it skips to the newest."""
+"""Detector node: publishes detections in color images; under load, it skips to the newest one."""
 
 from __future__ import annotations
 
@@ -32,7 +32,8 @@ from hoid_detector.newest_wins import NewestWins
 from hoid_detector.onnx_detector import OnnxDetector
 from hoid_detector.quarter_turn import mounted_roll_deg
 
-_NICENESS = 10  # of decision 016: tracking has priority on a busy computer
+# Niceness of the worker thread: tracking has priority on a busy computer (decision 016).
+_NICENESS = 10
 
 
 class _Result(NamedTuple):
@@ -62,7 +63,8 @@ class DetectorNode(ManagedNode):
         self._debug_images = DebugImages(self)
         has_base = bool(self._settings.config.base_frame)
         self._static = StaticFrameListener(self, self.diagnostics) if has_base else None
-        # Roll of the camera in the base frame by /tf_static; 0 if it is not known or not used.
+        # Roll of the camera relative to the base frame, from /tf_static; 0 if it is unknown or not
+        # used.
         self._mounted_roll_deg = 0.0
         self.create_service(SetBool, topics.ENABLE, self._enable)
         inputs = Inputs(self, self._settings.config.input, self.diagnostics)
@@ -78,10 +80,10 @@ class DetectorNode(ManagedNode):
         self.begin(autostart=self._settings.config.autostart)
 
     def _pace(self, rate_hz: float) -> None:
-        """Detect objects at a rate [Hz] by the stamps of images; 0 = in every image.
+        """Set the detection rate (Hz), by the stamps of images; 0 = every image.
 
-        If the newest image was not due, it is processed once no other image has come for a period.
-        A stream that stops, or a triggered camera, therefore ends with detections.
+        If no image comes for a period, the newest image is processed even if it was not due, so
+        that the last image of a stream or of a triggered camera gets detections.
         """
         self._rate = Rate(rate_hz)
         self._pause: Timer | None = None
@@ -150,8 +152,7 @@ class DetectorNode(ManagedNode):
         detections = self._detector.detect(image_bgr, conversions.stamp_from_msg(msg.header.stamp))
         size_px, names = image_bgr.shape[1::-1], self._detector.class_names
         detect_ms, is_watched = self._detector.detect_ms, self._debug_images.is_watched
-        # The thread that detects also publishes, because the filter waits for the detections of
-        # its image.
+        # This thread publishes, because the filter waits for the detections of its image.
         self._detections.publish(
             conversions.detections_to_msg(detections, msg.header, size_px, names, detect_ms)
         )

@@ -1,4 +1,4 @@
-"""The detector: boxes with class and score in color images, found by an ONNX model."""
+"""The detector: finds boxes with class and score in color images by an ONNX model."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ from hoid_detector.model.probe import AUTO, Probe
 from hoid_detector.quarter_turn import boxes_before_turn, nearest_quarter, turned
 
 _LOG = logging.getLogger(__name__)
-# Chosen: the layout is wrong if at least so many boxes are outside the image, and more boxes are
-# outside than inside.
+# Chosen: the layout is wrong if at least this many boxes, and most of all boxes, are outside the
+# image.
 _MIN_OUTSIDE = 3
-# Chosen: images without a box at the start that deserve a warning; 10 s at 30 Hz.
+# Chosen: a warning is logged if this many images at the start have no box; 10 s at 30 Hz.
 _MANY_EMPTY = 300
 _MAX_DETECTIONS = 100  # chosen: more people and objects than fit into a view
 
@@ -48,12 +48,13 @@ class OnnxDetector:
         self._letterbox = Letterbox(self.layout.preprocessing, self.network.dtype)
         self.reconfigure(config)
         self.warning = ''  # one line if the outputs for the latest image are not finite
-        self._num_inside = self._num_outside = 0  # boxes of all images
-        self._num_empty: int | None = 0  # images so far without a box; None: an image had a box
-        self.num_non_finite = 0  # images for which the outputs were not finite
-        self.network_ms = 0.0  # inference of the latest image, wall time
-        self.detect_ms = 0.0  # all of the latest call of `detect`, wall time
-        # Boxes of known objects that images of about this time should show, or None. They have an
+        self._num_inside = self._num_outside = 0  # numbers of boxes in all images so far
+        # Number of images without a box so far; None: an image had a box.
+        self._num_empty: int | None = 0
+        self.num_non_finite = 0  # number of images whose outputs were not finite
+        self.network_ms = 0.0  # wall time of the inference of the latest image
+        self.detect_ms = 0.0  # wall time of the latest call of `detect`
+        # Boxes in which images of about this time should show known objects, or None. They have an
         # effect only with `expected_score_threshold`. Any thread may set them.
         self.expected: Detections | None = None
         _LOG.info('%s', self.description)
@@ -118,7 +119,7 @@ class OnnxDetector:
     def _decode(
         self, outputs: Sequence[NDArray[Any]], size_wh: Size
     ) -> tuple[Candidates, Candidates]:
-        """Return the candidates from `score_threshold` on, and weaker ones if they are used."""
+        """Return candidates that reach `score_threshold`, and weaker ones if they are used."""
         with _named(self.network):
             least, weakest = self.config.score_threshold, self.config.expected_score_threshold
             found = self.layout.decode(outputs, size_wh, min(least, weakest or least))
@@ -173,7 +174,7 @@ class OnnxDetector:
         return outputs
 
     def _visible(self, found: Candidates, place: Placement) -> Candidates:
-        """Return the candidates of reported classes in image pixels, clipped, not too thin."""
+        """Return the candidates of reported classes, in image pixels, clipped, not too thin."""
         found = found.select(self._is_reported[found.class_ids])
         boxes = place.boxes_to_image(found.boxes_xyxy_px)
         is_visible = np.all(boxes[:, 2:] - boxes[:, :2] >= 1, axis=1)

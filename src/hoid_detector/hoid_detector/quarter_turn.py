@@ -1,6 +1,6 @@
-"""Images of a camera that is mounted turned: upright for the network, and boxes turned back.
+"""Turns images of a camera that is mounted rotated upright for the network, and boxes back.
 
-Networks are trained on upright people: upside down, YOLOv8n finds little more than half of them.
+Networks are trained on upright people. Upside down, YOLOv8n finds little more than half of them.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ import numpy as np
 from hoid_common.values import ByteArray, Float32Array, FloatArray
 
 _QUARTER_DEG = 90
-_MIN_UP = 0.5  # chosen: a camera that looks more than 60 degrees up or down has no upright images
+_MIN_UP = 0.5  # chosen: a camera pitched by more than 60 degrees has no upright images
 _CODES = (None, cv2.ROTATE_90_CLOCKWISE, cv2.ROTATE_180, cv2.ROTATE_90_COUNTERCLOCKWISE)
 
 
 def mounted_roll_deg(T_base_camera: FloatArray) -> float:
-    """Return the angle [deg] by which a camera is rolled, clockwise as seen from behind.
+    """Return the roll (deg) of a camera in a base frame with z up, clockwise seen from behind.
 
-    It is 0 for a camera that looks more than 60 degrees up or down. The z axis of the base is up.
+    It is 0 for a camera that looks more than 60 degrees up or down.
     """
     right, down = T_base_camera[2, :2]  # upward components of the image's x and y axes
     if np.hypot(right, down) < _MIN_UP:
@@ -39,7 +39,7 @@ def turned(image_bgr: ByteArray, quarters: int) -> ByteArray:
 def boxes_before_turn(
     boxes_xyxy_px: Float32Array, quarters: int, size_wh: tuple[int, int]
 ) -> Float32Array:
-    """Return the boxes (N, 4) in the image before the turn, whose size is `size_wh`."""
+    """Return boxes (N, 4) of a turned image in the original image of `size_wh` (width, height)."""
     width, height = size_wh
     x1, y1, x2, y2 = boxes_xyxy_px.T
     before = (

@@ -1,4 +1,4 @@
-"""Roles of a box in `classify_boxes`, as numbers; a box with neither role has the number 0."""
+"""Roles of boxes in `classify_boxes`; 0 = neither a person nor an object that is handled."""
 
 PERSON = 1
 MAY_BE_HANDLED = 2  # an object of a class that people may handle

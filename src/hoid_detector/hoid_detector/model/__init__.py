@@ -2,6 +2,6 @@
 
 import os
 
-# Must be set before onnxruntime is imported: from 1.29 on it reports names and hashes of models
-# to its maker.
+# Set before onnxruntime is imported: from 1.29 on, onnxruntime sends names and hashes of models to
+# its vendor.
 os.environ.setdefault('ORT_DISABLE_TELEMETRY', '1')

@@ -1,4 +1,4 @@
-"""Class names of a model, from a file or from its metadata."""
+"""Class names of a model, from a file or from the model's metadata."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from hoid_common.io.yaml_file import parse_yaml
 from hoid_common.values import PERSON
 
 _MAX_FILE_BYTES = 1_000_000  # chosen: far above any list of class names
-# Keys that exporters use; Ultralytics writes `names`.
+# Keys under which exporters store class names; Ultralytics writes `names`.
 _METADATA_KEYS = ('names', 'class_names', 'classes', 'labels', 'id2label', 'label2id')
 
-# Names that data sets give to the class 0 that marks no object, in lower case.
+# Lower-case names of class 0 in data sets where that class means "no object".
 _BACKGROUND = ('background', '__background__', 'bg', 'n/a', '???', 'none', 'unlabeled', 'void')
 
 
@@ -28,7 +28,7 @@ def known_names(file: str, metadata: Mapping[str, str]) -> tuple[str, ...] | Non
 
 
 def with_person(names: Sequence[str], person_names: Collection[str]) -> tuple[str, ...]:
-    """Return the names with `person` for every synonym; ModelError if no class is of people."""
+    """Return the names with each synonym replaced by `person`; ModelError if none is a synonym."""
     synonyms = {name.casefold() for name in person_names}
     found = tuple(PERSON if name.strip().casefold() in synonyms else name for name in names)
     if synonyms and PERSON not in found:
@@ -61,7 +61,7 @@ def names_in_file(path: Path) -> tuple[str, ...]:
 
 
 def names_in_metadata(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
-    """Return the class names in a model's metadata; None if no key is one of names."""
+    """Return the class names in a model's metadata; None if it has none."""
     for key in _METADATA_KEYS:
         if text := metadata.get(key):
             return _parse(key, text)
@@ -71,7 +71,8 @@ def names_in_metadata(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
 def _parse(key: str, text: str) -> tuple[str, ...]:
     value = _literal(text)
     if isinstance(value, dict):
-        if all(type(index) is int for index in value.values()):  # such as {'person': 0}
+        # Names by index are expected; {'person': 0} is the reverse.
+        if all(type(index) is int for index in value.values()):
             value = {index: name for name, index in value.items()}
         by_index = {str(index): name for index, name in value.items()}
         if by_index.keys() != {str(index) for index in range(len(value))}:
@@ -83,7 +84,7 @@ def _parse(key: str, text: str) -> tuple[str, ...]:
 
 
 def _literal(text: str) -> object:
-    """Return the value of a Python, JSON or YAML literal, else the parts between commas."""
+    """Return the value of a Python, JSON or YAML literal, else the comma-separated parts."""
     try:
         return ast.literal_eval(text)
     except (ValueError, TypeError, SyntaxError, MemoryError, RecursionError):

@@ -1,4 +1,4 @@
-"""Decoders of network outputs into candidate boxes in pixels of the input, and NMS."""
+"""Decoders from network outputs to candidate boxes in pixels of the network input, and NMS."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hoid_common.values import BoolArray, Float32Array, IntArray
 
 Size = tuple[int, int]  # (width, height) of the network input, px
 Outputs = Sequence[NDArray[Any]]
-MAX_CANDIDATES = 1000  # chosen: more boxes reach the threshold only if it is near zero
+MAX_CANDIDATES = 1000  # chosen: more boxes reach the threshold only if the threshold is near zero
 
 
 class Candidates(NamedTuple):
@@ -23,7 +23,7 @@ class Candidates(NamedTuple):
 
     boxes_xyxy_px: Float32Array  # (N, 4), of the network input
     scores: Float32Array  # (N,)
-    class_ids: IntArray  # (N,) indices of class names; negative: no class
+    class_ids: IntArray  # (N,) indices of class names; negative: not a class of the model
 
     def select(self, keep: BoolArray | IntArray) -> Candidates:
         return Candidates(self.boxes_xyxy_px[keep], self.scores[keep], self.class_ids[keep])
@@ -38,10 +38,11 @@ class Decoder(Protocol):
 
 @dataclass(frozen=True)
 class AnchorDecoder:
-    """Decodes a table of N anchors (YOLO 5 to 11, YOLOX): box, objectness, class scores."""
+    """Decodes N anchors (YOLO 5 to 11, YOLOX), each with box, objectness and class scores."""
 
     anchors_last: bool  # True: the output is (C, N); False: (N, C)
-    objectness: bool  # True: a channel `objectness` exists, which multiplies the scores
+    # True: a channel `objectness` follows the box, and multiplies the class scores.
+    objectness: bool
     normalized: bool  # True: boxes are fractions of the input; False: pixels
     corners: bool = False  # True: boxes are x1, y1, x2, y2; False: cx, cy, w, h
     # YOLOX: boxes are relative to the cells of grids with these strides. Empty: they are absolute.
@@ -51,7 +52,8 @@ class AnchorDecoder:
         table = float32(outputs[0])[0]
         channels = table if self.anchors_last else table.T
         if self.objectness:
-            # Class scores are at most 1, so that objectness alone excludes most anchors.
+            # Class scores are at most 1, so that anchors with an objectness below the threshold
+            # are excluded first.
             rows = np.flatnonzero(channels[4] >= score_threshold)
             class_scores = channels[5:, rows] * channels[4, rows]
         else:
@@ -77,7 +79,7 @@ class LogitsDecoder:
     softmax: bool  # True: the last column is "no object"; False: a sigmoid per class
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
-        # exp(80) is finite in float32, exp(90) is not.
+        # Limits for float32, in which exp(80) is finite and exp(90) is not.
         logits = np.clip(float32(outputs[self.logits])[0], -80, 80)
         if self.softmax:
             odds = np.exp(logits - logits.max(axis=1, keepdims=True))
@@ -105,7 +107,7 @@ class BoxesScoresDecoder:
 
 @lru_cache(maxsize=8)
 def cells(size_wh: Size, strides_px: tuple[int, ...]) -> tuple[Float32Array, Float32Array]:
-    """Return column and row (2, N) and stride in pixels (N,) of the cells of all grids."""
+    """Return column and row (2, N), and stride (N,) in px, of the cells of all grids."""
     grids = [
         np.mgrid[: size_wh[1] // s, : size_wh[0] // s][::-1].reshape(2, -1) for s in strides_px
     ]
@@ -114,10 +116,10 @@ def cells(size_wh: Size, strides_px: tuple[int, ...]) -> tuple[Float32Array, Flo
 
 
 def _from_cells(boxes: Float32Array, cell: Float32Array, stride_px: Float32Array) -> Float32Array:
-    """Return boxes (4, N) as cx, cy, w, h in pixels (Ge et al., YOLOX, 2021).
+    """Return boxes (4, N) cx, cy, w, h in pixels from those in cells (Ge et al., YOLOX, 2021).
 
-    `boxes` (4, N) contains the offset of the center from the cell's corner, and the logarithm of
-    width and height, both in cells.
+    `boxes` (4, N) has the offset of each center from the corner of its cell, and the logarithms of
+    width and height, all in cells.
     """
     return np.concatenate([boxes[:2] + cell, np.exp(boxes[2:])]) * stride_px
 
@@ -149,7 +151,7 @@ def float32(output: NDArray[Any]) -> Float32Array:
 def nms(
     boxes_xyxy_px: Float32Array, scores: Float32Array, class_ids: IntArray, iou: float
 ) -> IntArray:
-    """Return the indices of the boxes (N, 4) that are kept, highest score first."""
+    """Return the indices of the boxes (N, 4) that non-maximum suppression keeps, by score."""
     order = np.argsort(-scores, kind='stable')[:MAX_CANDIDATES]
     if len(order) < 2:
         return order

@@ -1,8 +1,8 @@
-"""Finished boxes: outputs after non-maximum suppression, or of networks that need none.
+"""Decoding of finished boxes: outputs after non-maximum suppression, or that need none.
 
-Exporters write the same boxes with different columns and class ids. If names and metadata do not
-state these, the first known format that fits the outputs for all images so far is used. A warning
-names a second format that would give different boxes (decision 049).
+Exporters write such boxes with different orders of columns and class ids. If names and metadata do
+not state these, the first known format that fits the outputs for all images so far is used. A
+warning names a second format that would give different boxes (decision 049).
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ Order = tuple[str, ...]
 """Meaning of the columns of a table: 'batch', 'xyxy' or 'yxyx' (4 columns), 'score', 'class'."""
 
 _BOXES = ('xyxy', 'yxyx')
-# The orders that exporters use, the more common ones first.
+# The column orders that exporters use, the most common ones first.
 _ORDERS: tuple[Order, ...] = (
     ('xyxy', 'score', 'class'),  # YOLOv10, Ultralytics with `nms=True`
     ('xyxy', 'class', 'score'),  # YOLOv7, with the batch
     ('class', 'xyxy', 'score'),
     ('class', 'score', 'xyxy'),  # PINTO_model_zoo, with the batch
-    ('yxyx', 'score', 'class'),  # TensorFlow; no value shows that y comes first
+    ('yxyx', 'score', 'class'),  # TensorFlow; y before x cannot be recognized from the values
 )
 TABLE_LAYOUTS: Mapping[str, Order] = {
     '_'.join(order): order for o in _ORDERS for order in (o, ('batch', *o))
@@ -49,23 +49,24 @@ _WORDS = (  # in names of outputs, such as batchno_classid_score_x1y1x2y2
 _WORD = re.compile('|'.join(f'(?P<{word}>{pattern})' for word, pattern in _WORDS))
 _YOLO_NAS = 'flat_predictions'  # of super-gradients: batch, box, score, class
 
-# Chosen: boxes without any coordinate above this count as fractions of the network input, which
-# stay near [0, 1]. In pixels, boxes are larger than 2.
+# Chosen: boxes count as fractions of the network input if no coordinate is above this, since
+# fractions stay near [0, 1]. Boxes in pixels are larger than 2.
 LARGEST_NORMALIZED = 2.0
 MAX_SCORE = 1.1
 """Highest score that is accepted. Chosen: quantized networks exceed 1 slightly."""
 _MAX_ID_ERROR = 1e-3
-_MIN_WEAK_ROWS = 10  # chosen: so many low-score boxes are enough to show their unit
+# Chosen: without high scores, this many boxes decide whether they are in pixels or fractions.
+_MIN_WEAK_ROWS = 10
 
 
 class ClassIds(NamedTuple):
-    """A convention of class ids: the index of the class name by id, -1 for ids without a class."""
+    """A convention of class ids: maps each id to the index of its class name, or to -1."""
 
     name: str  # value of the parameter `class_ids`
     index_of_id: IntArray
 
     def fit(self, ids: Float32Array) -> bool:
-        """Return whether all ids (N,) belong to a class; negative ids mark no object."""
+        """Return whether all ids (N,) belong to a class; negative ids mean "no object"."""
         ids = ids[ids >= 0]
         return bool((ids < len(self.index_of_id)).all()) and bool(
             (self.index_of_id[ids.astype(np.int64)] >= 0).all()
@@ -87,7 +88,7 @@ def class_ids(name: str, num_classes: int) -> ClassIds:
 
 
 def order_in_name(name: str, num_columns: int) -> Order | None:
-    """Return the order of columns that the name of an output states, or None."""
+    """Return the order of columns that the name of an output states, or None if it states none."""
     if name.endswith(_YOLO_NAS):
         return ('batch', 'xyxy', 'score', 'class')
     order = tuple(str(match.lastgroup) for match in _WORD.finditer(name.lower()))
@@ -108,7 +109,7 @@ def num_columns_of(order: Order) -> int:
 
 
 class Columns(NamedTuple):
-    """The columns of a table of N boxes, in one order of columns."""
+    """The columns of a table of N boxes, split by one order of columns."""
 
     boxes: Float32Array  # (N, 4) x1, y1, x2, y2
     scores: Float32Array  # (N,)
@@ -118,8 +119,8 @@ class Columns(NamedTuple):
     def is_plausible(self, threshold: float) -> bool:
         """Return whether the columns can be boxes, scores and ids.
 
-        At least half of all boxes, and half of the boxes with a score from the threshold on,
-        need ordered corners; networks do not guarantee more.
+        Half of all boxes, and half of those with a score of at least the threshold, must have x1
+        <= x2 and y1 <= y2; networks do not guarantee more.
         """
         is_strong = self.scores >= threshold
         is_ordered = np.asarray((self.boxes[:, 2:] >= self.boxes[:, :2]).all(axis=1))
@@ -154,7 +155,7 @@ class TableFormat(NamedTuple):
         return f'columns {"_".join(self.order)}, class ids {self.ids.name}'
 
     def candidates(self, table: Float32Array, threshold: float) -> Candidates:
-        """Return the boxes in a table (N, C) with a class and a score from the threshold on."""
+        """Return the boxes in a table (N, C) that have a class and reach the score threshold."""
         found = columns(table, self.order)
         keep = (found.scores >= threshold) & (found.scores > 0) & (found.ids >= 0)
         index = self.ids.index_of_id[np.rint(found.ids[keep]).astype(np.int64)]
@@ -165,11 +166,12 @@ class TableFormat(NamedTuple):
 class FinishedDecoder:
     """Decoder of finished boxes, which excludes formats that do not fit the outputs so far."""
 
-    table_of: Callable[[Outputs], Float32Array]  # returns the (N, C) table of the outputs
-    formats: Sequence[TableFormat]  # those that fit all outputs so far; the first is used
-    # Whether boxes are fractions of the input, and not in pixels; None: not known yet.
+    table_of: Callable[[Outputs], Float32Array]  # returns the (N, C) table of boxes in the outputs
+    # The formats that fit all outputs so far; the first one is used.
+    formats: Sequence[TableFormat]
+    # True: boxes are fractions of the input; False: pixels; None: not known yet.
     normalized: bool | None = None
-    has_answered: bool = False  # whether the outputs for an image had a box above the threshold
+    has_answered: bool = False  # whether an image has had a box above the threshold
     reported: set[str] = field(default_factory=set)  # other formats that a warning has named
 
     def __call__(self, outputs: Outputs, size_wh: Size, score_threshold: float) -> Candidates:
@@ -180,9 +182,9 @@ class FinishedDecoder:
         return in_pixels(found, size_wh, normalized=bool(self.normalized))
 
     def rows(self, outputs: Outputs) -> Float32Array:
-        """Return the rows (N, C) of the outputs whose values are all finite, without padding.
+        """Return the rows (N, C) of the outputs without padding and without non-finite rows.
 
-        A row is padding if its values from the second column on are all equal.
+        In a padding row, all values from the second column on are equal.
         """
         table = self.table_of(outputs)
         table = table[np.isfinite(table).all(axis=1)]
@@ -190,7 +192,7 @@ class FinishedDecoder:
         return rows
 
     def learn(self, table: Float32Array, threshold: float) -> None:
-        """Exclude the formats that do not fit a table; ModelError if no format is left."""
+        """Exclude the formats that do not fit a table (N, C); ModelError if none fits."""
         orders = dict.fromkeys(table_format.order for table_format in self.formats)
         plausible = {
             order: found
@@ -234,7 +236,7 @@ class FinishedDecoder:
 
 
 def _are_normalized(found: Columns, threshold: float) -> bool | None:
-    """Return whether boxes are fractions of the input, or None if there are too few to decide."""
+    """Return whether boxes are fractions of the input; None if too few boxes can tell."""
     is_strong = found.scores >= threshold
     if is_strong.any():
         boxes = found.boxes[is_strong]

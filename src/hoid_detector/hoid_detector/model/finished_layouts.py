@@ -1,7 +1,7 @@
-"""Decoders for layouts of finished boxes, made from the outputs, their names and the metadata.
+"""Decoders for layouts of finished boxes, from the outputs, their names and the metadata.
 
-The functions `..._decoder` return a decoder, and None for the number of classes; ModelError if the
-outputs do not fit.
+Each function `..._decoder` returns a decoder, and None as the number of classes, which finished
+boxes do not show. ModelError if the outputs do not fit.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ from hoid_detector.model.finished_boxes import (
 )
 from hoid_detector.model.probe import AUTO, Probe, is_boxes, is_count, is_labels, is_scores
 
-_PROBE_THRESHOLD = 0.25  # of scores for the test image, as in YOLOv5's detect.py
+_PROBE_THRESHOLD = 0.25  # score threshold for the test image; default of YOLOv5's detect.py
 
 
 def separate_outputs_decoder(probe: Probe, *, y_first: bool = False) -> tuple[Decoder, int | None]:
     """Return the decoder of separate boxes, labels and scores.
 
-    With `y_first`, boxes are y1, x1, y2, x2; otherwise, the names of the outputs decide.
+    With `y_first`, boxes are y1, x1, y2, x2; otherwise the output names decide.
     """
     boxes, labels = probe.find(is_boxes), probe.find(is_labels)
     scores = probe.find(is_scores, 'score')
@@ -64,7 +64,7 @@ def _num_valid_rows(output: NDArray[Any]) -> int:
 
 
 def named_columns_decoder(probe: Probe) -> tuple[Decoder, int | None]:
-    """Return the decoder of boxes whose columns are in several outputs with telling names."""
+    """Return the decoder of boxes whose columns are in several outputs named after them."""
     order = _order_in_names(probe)
     if order is None:
         raise probe.unknown()
@@ -89,8 +89,8 @@ def _order_in_names(probe: Probe) -> Order | None:
 def table_decoder(probe: Probe, order: Order | None = None) -> tuple[Decoder, int | None]:
     """Return the decoder of a table of finished boxes.
 
-    Without `order`, the order that the output's name or the metadata state is used. Without
-    such a statement, all known orders are candidates until outputs exclude them.
+    Without `order`, the order that the output's name or the metadata state is used. If they state
+    none, all known orders are tried until outputs exclude them.
     """
     num_columns = probe.table.shape[-1]
     stated = order or order_in_name(probe.names[0], num_columns)
@@ -114,9 +114,9 @@ def _finished(
 def _conventions(probe: Probe) -> list[ClassIds]:
     """Return the possible conventions of class ids, the most probable one first.
 
-    `from_0` comes last if nothing states the convention of several outputs. A person's id 0 then
-    excludes the other conventions. Ids that count from 1 hardly ever exclude `from_0`; if it came
-    first, people would be reported as bicycles.
+    `from_0` comes last if nothing states the convention of a model with several outputs: id 0 of a
+    person then excludes the others. If it came first, ids that count from 1 would hardly ever
+    exclude it, and people would be reported as bicycles.
     """
     num_classes = probe.num_classes or len(COCO)
     from_1 = [COCO_91, FROM_1] if num_classes == len(COCO) else [FROM_1]
@@ -139,7 +139,7 @@ def _is_ultralytics(probe: Probe) -> bool:
 
 
 def _is_tensorflow(probe: Probe) -> bool:
-    """Return whether the outputs have TensorFlow's names: y before x, and ids from 1."""
+    """Return whether outputs have TensorFlow's names, which mean y before x and ids from 1."""
     return any(name.startswith('detection_boxes') for name in probe.names)
 
 
@@ -157,9 +157,9 @@ def is_finished_table(probe: Probe) -> bool:
         return True
     if not known_orders(num_columns):
         return False
-    # A table of queries (RT-DETR) with 2 or 3 classes has as many columns as one of finished
-    # boxes. Its first column is the center of the boxes, which differs from row to row; a constant
-    # first column is the number of the image in the batch.
+    # A query table (RT-DETR) with 2 or 3 classes has as many columns as a table of finished boxes.
+    # But its first column is the center of the boxes, which differs between rows; in finished
+    # boxes, a constant first column is the index of the image in the batch.
     rows = probe.table.reshape(-1, num_columns)
     is_constant = len(rows) > 1 and bool((rows[:, 0] == rows[0, 0]).all())
     if is_constant or not (num_columns - 4 == probe.num_classes and probe.table.ndim == 3):

@@ -1,6 +1,6 @@
-"""Output layouts of detection networks, and recognition of the layout that a model has.
+"""Output layouts of detection networks, and recognition of the layout of a model.
 
-`LAYOUTS` is the registry: one entry there adds a layout, also to the parameter `layout`.
+`LAYOUTS` is the registry: an entry there adds a layout, also to the parameter `layout`.
 """
 
 from __future__ import annotations
@@ -44,11 +44,11 @@ from hoid_detector.model.probe import (
 )
 
 _COCO_CLASSES = len(COCO)
-# Numbers of columns of logits with one column for each id of COCO from 0 to 90, without and with
-# a further column for "no object" (DETR).
+# Number of columns of logits for COCO ids 0 to 90, without and with a column for "no object"
+# (DETR).
 _COCO_COLUMNS = (COCO_IDS[-1] + 1, COCO_IDS[-1] + 2)
-_MIN_SCORE = -0.1  # chosen: quantized networks fall below 0 slightly
-_DETECT = 'detect'  # the only task that is supported, in the metadata of Ultralytics
+_MIN_SCORE = -0.1  # chosen: scores of quantized networks may be slightly below 0
+_DETECT = 'detect'  # the only supported task, as named in Ultralytics' metadata
 
 
 class Layout(NamedTuple):
@@ -57,8 +57,8 @@ class Layout(NamedTuple):
     name: str
     preprocessing: Preprocessing
     decode: Decoder
-    num_classes: int | None  # None if the outputs do not show the number
-    needs_nms: bool  # whether non-maximum suppression must follow
+    num_classes: int | None  # None if the outputs do not show it
+    needs_nms: bool  # whether the boxes still need non-maximum suppression
 
 
 @dataclass(frozen=True)
@@ -66,25 +66,25 @@ class LayoutEntry:
     """A known layout: how it is recognized and decoded."""
 
     name: str  # value of the parameter `layout`
-    preprocessing: Preprocessing  # input format of the published networks with this layout
-    needs_nms: bool  # whether non-maximum suppression must follow
+    preprocessing: Preprocessing  # input format that published networks with this layout have
+    needs_nms: bool  # whether the boxes still need non-maximum suppression
     has_one_output: bool
     matches: Callable[[Probe], bool]  # returns whether a network seems to have this layout
-    # Returns the decoder for a network, and its number of classes (None if the outputs do not
-    # show the number).
+    # Returns the decoder for a network, and its number of classes (None if the outputs do not show
+    # it).
     decoder: Callable[[Probe], tuple[Decoder, int | None]]
 
 
 def recognize(probe: Probe, requested: str = AUTO) -> Layout:
     """Return the layout of a network: the first entry of `LAYOUTS` that matches.
 
-    With a `requested` name, only its entries are tried, and the first of them is used if none
-    matches. ModelError if no entry matches, or the metadata name another task.
+    With a `requested` name, only entries of this name are tried, and if none matches, the first is
+    used. ModelError if no entry matches, or the metadata name another task.
     """
     task = probe.metadata.get('task') or _DETECT
     if task != _DETECT:
         raise ModelError(f'is a model for the task "{task}"; export one for the task "{_DETECT}"')
-    # YOLOv5 up to 6.1 has further outputs of five dimensions: its grids before decoding.
+    # YOLOv5 up to 6.1 also outputs its undecoded grids, which have five dimensions.
     has_one_output = all(output.ndim == 5 for output in probe.outputs[1:])
     possible = [
         entry
@@ -113,7 +113,7 @@ def _logits_decoder(probe: Probe) -> tuple[Decoder, int | None]:
         has_no_object = num_columns == (probe.num_classes or _COCO_CLASSES) + 1
         classes = tuple(range(num_columns - has_no_object))
     probe.require(0 < len(classes) == (probe.num_classes or len(classes)))
-    # RF-DETR has a column for "no object" without a softmax.
+    # RF-DETR has a column for "no object", but no softmax.
     softmax = has_no_object and is_no_object_last(probe.outputs[logits])
     return LogitsDecoder(boxes, logits, classes, softmax), len(classes)
 
@@ -121,8 +121,8 @@ def _logits_decoder(probe: Probe) -> tuple[Decoder, int | None]:
 def _is_standardized(probe: Probe) -> bool:
     """Return whether a network with logits needs input standardized by the mean of ImageNet.
 
-    DETR and its descendants do, except RT-DETR and D-FINE, which have neither the ids of COCO nor
-    a logit for "no object", nor RF-DETR's names.
+    DETR and its descendants do, except RT-DETR and D-FINE. Those have neither columns for COCO ids
+    nor a logit for "no object", nor the output names of RF-DETR.
     """
     boxes, logits = probe.find(is_boxes), probe.find(is_logits)
     if boxes is None or logits is None:
@@ -172,9 +172,9 @@ def _are_corners(probe: Probe, *, normalized: bool) -> bool:
 
 
 def _distance_from_cells(probe: Probe, centers_px: NDArray[Any]) -> float:
-    """Return the median distance of box centers (2, N) from the centers of their cells, in cells.
+    """Return the median distance, in cells, of box centers (2, N) from the centers of their cells.
 
-    Of several interpretations of an output, the one with the least distance is right.
+    The interpretation of an output with the least distance is right.
     """
     cell, stride_px = cells(probe.size_wh, probe.grid.strides_px)
     return float(np.median(np.abs(centers_px / stride_px - cell - 0.5)))
@@ -186,7 +186,7 @@ def _is_query_table(probe: Probe) -> bool:
 
 
 def _is_yolov5(probe: Probe) -> bool:
-    """Return whether a table has 3 anchors per cell (YOLOv5) or no objectness (YOLOv6)."""
+    """Return whether a table has 3 anchors per cell (YOLOv5) or an objectness of 1 (YOLOv6)."""
     grid = probe.grid
     return probe.num_before_classes == 5 and (
         grid.anchors_per_cell == 3 or bool((grid.channels[4] == 1).all())
@@ -194,7 +194,7 @@ def _is_yolov5(probe: Probe) -> bool:
 
 
 def _is_in_cells(probe: Probe) -> bool:
-    """Return whether box centers are offsets in cells (YOLOX without decoder), not pixels."""
+    """Return whether box centers are offsets in cells (YOLOX without decoder), not in pixels."""
     if probe.num_before_classes != 5:
         return False
     centers = probe.grid.channels[:2]
@@ -215,33 +215,33 @@ _BOX_OBJECTNESS = partial(_anchor_decoder, objectness=True)
 _IN_CELLS = partial(_anchor_decoder, objectness=True, in_cells=True)
 
 LAYOUTS = (
-    # Finished boxes. Columns in outputs whose names state them (PINTO_model_zoo).
+    # Finished boxes: their columns are outputs with names such as x1y1x2y2 (PINTO_model_zoo).
     LayoutEntry(
         'end_to_end', _CENTERED, False, False,
         has_named_columns, named_columns_decoder,
     ),
-    # Boxes, labels, scores (RT-DETR, D-FINE, TensorFlow).
+    # Finished boxes, labels and scores as separate outputs (RT-DETR, D-FINE, TensorFlow).
     LayoutEntry(
         'end_to_end', _STRETCHED, False, False,
         lambda p: _is_separate(p) and is_stretched(p), separate_outputs_decoder,
     ),
-    # The same (torchvision, EfficientNMS).
+    # The same with a centered image (torchvision, EfficientNMS).
     LayoutEntry('end_to_end', _CENTERED, False, False, _is_separate, separate_outputs_decoder),
-    # The same with y before x, for outputs without such names (TensorFlow).
+    # The same with y before x, if the names do not show it (TensorFlow).
     LayoutEntry(
         'yxyx_score_class', _STRETCHED, False, False,
         lambda _: False, partial(separate_outputs_decoder, y_first=True),
     ),
     # Logits and boxes (DETR, RF-DETR, Conditional and Deformable DETR).
     LayoutEntry('detr', _STANDARDIZED, False, False, _is_standardized, _logits_decoder),
-    # The same (RT-DETR, D-FINE by Transformers).
+    # The same with a stretched image (RT-DETR, D-FINE by Transformers).
     LayoutEntry('detr', _STRETCHED, False, False, _has(is_boxes, is_logits), _logits_decoder),
-    # Boxes, and C class scores a cell (YOLO-NAS).
+    # Boxes, and C class scores per cell (YOLO-NAS).
     LayoutEntry(
         'yolo_nas', _CENTERED, True, False,
         _has(is_boxes, is_class_scores), _boxes_scores_decoder,
     ),
-    # One table of finished boxes, columns in any known order, or in the named order.
+    # One table of finished boxes, with columns in any known order, or in the requested order.
     LayoutEntry('end_to_end', _CENTERED, False, True, is_finished_table, table_decoder),
     *(
         LayoutEntry(
@@ -249,13 +249,13 @@ LAYOUTS = (
         )
         for name, order in TABLE_LAYOUTS.items()
     ),
-    # 4 + C channels a query (RT-DETR by Ultralytics).
+    # 4 + C channels per query (RT-DETR by Ultralytics).
     LayoutEntry('rtdetr', _STRETCHED, False, True, _is_query_table, _BOX),
-    # 4 + C channels a cell (YOLOv8, 9, 11).
+    # 4 + C channels per cell (YOLOv8, 9, 11).
     LayoutEntry('yolov8', _CENTERED, True, True, lambda p: p.num_before_classes == 4, _BOX),
-    # 5 + C channels for 3 anchors a cell (YOLOv5, 7), or for 1 (YOLOv6).
+    # 5 + C channels for 3 anchors per cell (YOLOv5, 7), or for 1 (YOLOv6).
     LayoutEntry('yolov5', _CENTERED, True, True, _is_yolov5, _BOX_OBJECTNESS),
-    # 5 + C channels a cell, in cell units or in pixels.
+    # 5 + C channels per cell, in cell units or in pixels.
     LayoutEntry('yolox_raw', _YOLOX, True, True, _is_in_cells, _IN_CELLS),
     LayoutEntry(
         'yolox', _YOLOX, True, True, lambda p: p.num_before_classes == 5, _BOX_OBJECTNESS

@@ -1,7 +1,8 @@
-"""Search for the detector's model file.
+"""Search for the model file of the detector.
 
-The order is: the requested model (a path or a known name), the environment variable HOID_MODEL,
-`../shared/models` beside the workspace, `lab/models` in it, the user's cache, a download.
+It tries, in order, the requested model (a path or a known name), the environment variable
+HOID_MODEL, `../shared/models` beside the workspace, `lab/models` in it, the user's cache, and a
+download.
 """
 
 from __future__ import annotations
@@ -22,14 +23,14 @@ SYNTHETIC = 'synthetic'
 
 _LOG = logging.getLogger(__name__)
 _ENVIRONMENT = 'HOID_MODEL'
-_TIMEOUT_S = 20.0  # chosen: limit for connecting and for each read
+_TIMEOUT_S = 20.0  # chosen: limit of the connection and of each read of a download
 _WORKSPACE_MARK = 'colcon.meta'  # file in the root folder of the workspace
 _SYNTHETIC_FOLDER = 'lab/models'
 
 
 class _KnownModel(NamedTuple):
     sha256: str
-    url: str  # empty: never downloaded, as the license of the weights is not permissive
+    url: str  # empty: never downloaded, because the license of the weights is not permissive
 
 
 # The first model is the default (decision 025). On two cores, YOLOX-nano takes 8 ms for an image
@@ -46,7 +47,7 @@ _KNOWN = {
 
 
 def known_models() -> tuple[str, ...]:
-    """Return the names by which models can be given; `synthetic` is in the source tree only."""
+    """Return the names of known models; `synthetic` exists in the source tree only."""
     return (SYNTHETIC, *_KNOWN)
 
 

@@ -14,7 +14,7 @@ from onnxruntime.capi import onnxruntime_pybind11_state as ort_errors
 
 from hoid_common.errors import ConfigError, ModelError
 
-_MAX_SIDE_PX = 4096  # chosen: larger inputs take seconds and gigabytes
+_MAX_SIDE_PX = 4096  # chosen: larger inputs need seconds and gigabytes
 _PROVIDERS = {  # in the order in which they are tried by default
     'tensorrt': 'TensorrtExecutionProvider',
     'cuda': 'CUDAExecutionProvider',
@@ -46,7 +46,7 @@ class Network:
 
     The image input is (1, 3, H, W), or (1, H, W, 3) as in TensorFlow. The second input gets the
     width and height of the network input. Without `providers`, the best installed provider is
-    used. ModelError if the file is no such model; ConfigError for an unknown provider.
+    used. ModelError if the file is not such a model; ConfigError for an unknown provider.
     """
 
     def __init__(self, path: Path, providers: Sequence[str], threads: int) -> None:
@@ -114,7 +114,8 @@ def _open(path: Path, providers: list[str], threads: int) -> ort.InferenceSessio
     options.intra_op_num_threads = threads
     options.inter_op_num_threads = 1
     options.log_severity_level = 3
-    # Threads that spin while the network waits for an image would take cores from the tracker.
+    # Threads that spin while they wait for the next image would take processor time from the
+    # tracker.
     options.add_session_config_entry('session.intra_op.allow_spinning', '0')
     return ort.InferenceSession(str(path), options, providers=providers)
 

@@ -1,4 +1,4 @@
-"""Outputs of a network for a test image, and what they show about its layout."""
+"""The outputs of a network for a test image, and properties that reveal its layout."""
 
 from __future__ import annotations
 
@@ -25,23 +25,23 @@ _CLASS_WORDS = ('label', 'class', 'cls', 'logit', 'score')
 
 
 class Grid(NamedTuple):
-    """A single output as channels of anchors, and the grid cells that its anchors lie on."""
+    """A single output as channels of N anchors, and the grid cells to which the anchors belong."""
 
     channels: Float32Array  # (C, N)
     anchors_last: bool  # True: the output is (C, N); False: (N, C)
-    strides_px: tuple[int, ...]  # empty where the number of anchors fits no grid
-    anchors_per_cell: int  # 0 where the number of anchors fits no grid
+    strides_px: tuple[int, ...]  # empty if the number of anchors fits no grid
+    anchors_per_cell: int  # 0 if the number of anchors fits no grid
 
 
 @dataclass(frozen=True, eq=False)
 class Probe:
-    """Outputs of a network for a test image, from which its layout is recognized."""
+    """The outputs of a network for a test image, from which its layout is recognized."""
 
     size_wh: Size  # of the network input
     names: tuple[str, ...]  # of the outputs
     outputs: tuple[NDArray[Any], ...]
     metadata: Mapping[str, str]
-    class_names: tuple[str, ...] | None  # where they are known
+    class_names: tuple[str, ...] | None  # None if they are not known
     class_ids: str = AUTO  # AUTO, or the convention of class ids
     takes_size: bool = False  # whether the network has an input for the image size
 
@@ -55,7 +55,7 @@ class Probe:
 
     @property
     def table(self) -> NDArray[Any]:
-        """Return the single output, a table or a batch of one; ModelError for another shape."""
+        """Return the only output, a table or a batch of one; ModelError for another shape."""
         output = self.outputs[0]
         self.require(output.ndim == 2 or (output.ndim == 3 and output.shape[0] == 1))
         return output
@@ -74,10 +74,10 @@ class Probe:
 
     @property
     def num_before_classes(self) -> int | None:
-        """Return 4 (box) or 5 (with objectness) channels before the class scores; None: no grid.
+        """Return the number of channels before class scores: 4, or 5 (objectness); None: no grid.
 
-        Without class names, models with COCO's 80 classes are recognized. Other models are
-        assumed to lack objectness if the channels precede the anchors, as in YOLOv8 exports.
+        If class names are not known, 80 classes as in COCO are assumed if they fit. Other models
+        are assumed to lack objectness if the channels precede the anchors, as in YOLOv8 exports.
         """
         channels, anchors_last, strides_px, _ = self.grid
         num, with_box = len(channels), 4 if anchors_last else 5
@@ -89,7 +89,7 @@ class Probe:
         return before if strides_px and before in (4, 5) else None
 
     def find(self, matches: Callable[[str, NDArray[Any]], bool], word: str = '') -> int | None:
-        """Return the index of the first output that matches; names with `word` come first."""
+        """Return the index of the first matching output, with `word` in its name if possible."""
         named = enumerate(zip(self.names, self.outputs, strict=True))
         found = [i for i, (name, a) in named if matches(name.lower(), a)]
         return min(found, key=lambda i: word not in self.names[i].lower(), default=None)
@@ -112,7 +112,7 @@ class Probe:
 
 
 def is_boxes(name: str, output: NDArray[Any]) -> bool:
-    """Return whether an output contains boxes, and not the scores of four classes."""
+    """Return whether an output has boxes, and not the scores of four classes."""
     has_shape = output.ndim >= 2 and output.shape[-1] == 4
     return has_shape and ('box' in name or not any(word in name for word in _CLASS_WORDS))
 
