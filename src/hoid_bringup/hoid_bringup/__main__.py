@@ -7,8 +7,8 @@ import signal
 if __name__ == '__main__':
     handler = signal.getsignal(signal.SIGINT)
     if handler is not signal.SIG_IGN:
-        # While modules are imported, Ctrl-C ends the process without a traceback. The script
-        # `hoid` blocks SIGINT, so that it cannot interrupt the interpreter's own start.
+        # Ctrl-C while modules are imported ends the process without a traceback. The script `hoid`
+        # blocks SIGINT, so that it cannot interrupt the start of the interpreter.
         signal.signal(signal.SIGINT, signal.SIG_DFL)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     from hoid_bringup.cli import main

@@ -1,4 +1,4 @@
-"""Parser of the command line: one useful line before the usage, suggestions, and defaults."""
+"""Parser of the command line, whose errors suggest similar options."""
 
 from __future__ import annotations
 
@@ -13,15 +13,16 @@ _CHOICE = re.compile(r"invalid choice: '?([^']*?)'? \(choose from (.*)\)")
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose error messages begin with the remedy and end with the usage."""
+    """A parser whose errors print one line with a suggestion before the usage."""
 
     def __init__(self, *, prog: str, **options: Any) -> None:
-        # Without abbreviations, a new option cannot change the meaning of an old command line.
+        # Abbreviations are off, so that a new option cannot change the meaning of an old command
+        # line.
         options |= {'formatter_class': _Formatter, 'allow_abbrev': False}
         super().__init__(prog=prog, **options)
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """Refuse unknown arguments with the name of a similar option."""
+        """Parse the arguments; an error about an unknown one suggests a similar option."""
         found, unknown = self.parse_known_args(args, namespace)
         if unknown:
             command = self.of_command(getattr(found, 'command', ''))
@@ -37,7 +38,7 @@ class Parser(argparse.ArgumentParser):
         return self
 
     def suggested_option(self, word: str) -> str:
-        """Return the end of an error line: the option that was probably meant, or ''."""
+        """Return the end of an error line: '; did you mean ...?' with a similar option, or ''."""
         name = word.partition('=')[0]
         return did_you_mean(name, self._option_string_actions)
 
@@ -56,7 +57,7 @@ class _Formatter(argparse.HelpFormatter):
 
 
 def help_text(action: argparse.Action) -> str:
-    """Return the help of an argument as a format string, with its default."""
+    """Return the help text of an argument, as a format string, with its default value appended."""
     text = action.help or ''
     takes_value = action.option_strings and action.nargs != 0 and not action.required
     if not takes_value or '(default' in text:

@@ -1,6 +1,6 @@
 """The command line `hoid`.
 
-The code of a command is imported only when that command is given, so that `hoid --help` and short
+The module of a command is imported only when the command is given, so that `hoid --help` and short
 commands start at once.
 """
 
@@ -32,8 +32,8 @@ _OK, _FAILED, _INTERRUPTED = 0, 1, 130
 _NODES = 'nodes'
 _SERVICES = 'hoid_bringup.live.node_services'
 _LEVELS = {'verbose': logging.DEBUG, '': logging.WARNING, 'quiet': logging.ERROR}
-_FREE_TEXT = ('set',)  # options whose values are no names of files
-# Environment variables that limit the threads of numerical libraries.
+_FREE_TEXT = ('set',)  # options whose values are not file names
+# Environment variables with the number of threads of numerical libraries.
 _THREAD_VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
 
 
@@ -41,15 +41,15 @@ _THREAD_VARIABLES = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS')
 class Command:
     """A sub-command of `hoid`.
 
-    Its module must have the functions `add_<name>_arguments(parser)` and `<name>_command(args)`,
-    where hyphens of the name are underscores.
+    Its module has the functions `add_<name>_arguments(parser)` and `<name>_command(args)`, where
+    underscores replace hyphens of the name.
     """
 
     module: str
     help: str  # what the command does, in a few words
-    # Whether the command handles images in real time, and would miss some if it waited until its
-    # stdout or stderr is read (a full pipe, a stopped terminal). Its output is then relayed by
-    # another process; output to a terminal is relayed for `nodes` only.
+    # Whether the command handles images in real time, so that it must not wait until somebody
+    # reads its stdout or stderr (a full pipe, a stopped terminal). Another process then relays its
+    # output; output to a terminal is relayed for `nodes` only.
     is_live: bool = False
 
 
@@ -92,17 +92,18 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run a command and return its exit status.
 
     The status is 0 after success, or if the reader of stdout has ended; 1 after a HoidError or an
-    OSError, which is printed in one line; and 130 after an interrupt. SystemExit if the usage is
-    wrong (status 2), or help was requested (status 0).
+    OSError, which is printed in one line; 130 after an interrupt. SystemExit with status 2 if the
+    usage is wrong, and with status 0 after help.
     """
     argv = list(sys.argv[1:] if argv is None else argv)
     chosen = _command_in(argv)
     try:
-        for variable in _THREAD_VARIABLES:  # the matrices are small, so threads only cost time
+        # Threads only cost time, because the matrices are small.
+        for variable in _THREAD_VARIABLES:
             os.environ.setdefault(variable, '1')
         interrupt_on_termination()
         return _run_command(chosen, argv)
-    except KeyboardInterrupt:  # also an interrupt while an error is being printed
+    except KeyboardInterrupt:  # also if the interrupt comes while an error is printed
         sys.stderr.write(f'hoid {chosen}: interrupted\n')
         return _INTERRUPTED
 
@@ -112,14 +113,14 @@ def _run_command(chosen: str, argv: Sequence[str]) -> int:
         if '_ARGCOMPLETE' in os.environ:
             chosen = _command_in(os.environ.get('COMP_LINE', '').split()[1:])
             complete(argument_parser(chosen if chosen in COMMANDS else ''))  # ends the process
-        # Before a module of the command imports NumPy: without memory, the import would fail with
-        # an error that does not name the limit.
+        # Called before a module of the command imports NumPy, which fails without memory by an
+        # error that does not name the limit.
         require_memory()
         args = argument_parser(chosen).parse_args(argv)
         if COMMANDS[chosen].is_live:
-            # The output of `nodes` is relayed even to a terminal, because `nodes` must not wait if
-            # the terminal is stopped. The other commands here draw progress bars, which need the
-            # terminal itself.
+            # Output of `nodes` is relayed even to a terminal, because `nodes` must not wait if the
+            # terminal is stopped. The other commands draw progress bars, which need the terminal
+            # itself.
             relay_output(terminals=chosen == _NODES)
         handler = AboveProgress()
         handler.addFilter(_is_own_or_warning)
@@ -132,16 +133,17 @@ def _run_command(chosen: str, argv: Sequence[str]) -> int:
         for line in _abandoned_folders(args):
             sys.stderr.write(f'hoid: {line}\n')
         getattr(_module(chosen), f'{_identifier(chosen)}_command')(args)
-        print(end='', flush=True)  # buffered output may fail to be written
+        print(end='', flush=True)  # writing the buffered output may fail
     except HoidError as error:
         logging.getLogger(__name__).debug('failed', exc_info=True)
-        with suppress(KeyboardInterrupt):  # there is nothing left to interrupt
+        with suppress(KeyboardInterrupt):  # nothing is left to interrupt
             write_above(f'hoid {chosen}: {error}')
         return _FAILED
-    except BrokenPipeError:  # `hoid info BAG | head`
+    except BrokenPipeError:  # as in `hoid info BAG | head`
         _discard_stdout()
         return _OK
-    except OSError as error:  # stdout on a full disk, or the working folder was removed
+    # For example, the disk of stdout is full, or the working folder was removed.
+    except OSError as error:
         logging.getLogger(__name__).debug('failed', exc_info=True)
         sys.stderr.write(f'hoid {chosen}: {InputError(error)}\n')
         _discard_stdout()
@@ -164,7 +166,7 @@ def _discard_stdout() -> None:
 
 
 def _check_names(args: argparse.Namespace) -> None:
-    """Raise ConfigError for a path or name that no file can have, before any work begins."""
+    """Raise ConfigError, before any work begins, for an argument that cannot be a path or name."""
     for option, value in vars(args).items():
         name = option.replace('_', '-')
         for item in value if isinstance(value, list) else [value]:
@@ -178,8 +180,8 @@ def _check_names(args: argparse.Namespace) -> None:
 def _abandoned_folders(args: argparse.Namespace) -> Iterator[str]:
     """Yield a warning for each hidden folder that a killed command has left behind.
 
-    Folders that the arguments name, and the parent folders of their paths, are searched. Lists of
-    paths are not considered.
+    It searches the folders that arguments name, and the parent folders of paths, but not lists of
+    paths.
     """
     paths = {value for value in vars(args).values() if isinstance(value, Path)}
     for folder in sorted({path.parent for path in paths} | {p for p in paths if p.is_dir()}):
@@ -203,15 +205,16 @@ def argument_parser(chosen: str) -> argparse.ArgumentParser:
         sub = commands.add_parser(name, help=command.help, description=f'{command.help}.')
         if name == chosen:
             add_arguments(name, sub)
-            _add_verbosity(sub, argparse.SUPPRESS)  # keeps an option given before the command
+            # Keeps an option that is given before the command.
+            _add_verbosity(sub, argparse.SUPPRESS)
     if chosen and chosen not in COMMANDS:
         parser.error(f'there is no command {chosen}{did_you_mean(chosen, COMMANDS)}')
     return parser
 
 
 def complete(parser: argparse.ArgumentParser) -> None:
-    """Print the words that can follow in the shell's command line, and end the process."""
-    import argcomplete  # part of ROS's wheels and installations
+    """Print the possible next words for the shell's completion, and end the process."""
+    import argcomplete  # part of ROS's pip wheels and installations
 
     argcomplete.autocomplete(parser)
 
@@ -248,7 +251,7 @@ def _identifier(command: str) -> str:
 def _module(command: str) -> ModuleType:
     """Import the module of a command; InputError if a Python package that it needs is missing."""
     try:
-        with termination_signals_blocked():  # an import may swallow KeyboardInterrupt
+        with termination_signals_blocked():  # an import may swallow a KeyboardInterrupt
             return import_module(COMMANDS[command].module)
     except ModuleNotFoundError as error:
         raise InputError(

@@ -78,8 +78,8 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
 def run_command(args: argparse.Namespace) -> None:
     """Run SLAM on every frame of a recording, write the results and print a report.
 
-    HoidError if an argument is invalid or the run fails. For a damaged recording, this is raised
-    after the readable part was processed.
+    HoidError if an argument is invalid or the run fails; for a damaged recording, only after the
+    readable part was processed.
     """
     config = with_mount(_config(args), args.mount)
     if config.live_only:
@@ -98,11 +98,11 @@ def run_command(args: argparse.Namespace) -> None:
 
 
 def with_mount(config: RunConfig, mount_deg: Sequence[float] | None) -> RunConfig:
-    """Return the configuration with the roll of the mounted camera as `detector.camera_roll_deg`.
+    """Return the configuration with the roll in `mount_deg` as `detector.camera_roll_deg`.
 
-    The detector then gets images that are upright to the nearest quarter turn. `mount_deg` is the
-    roll (clockwise as seen from behind), pitch (down) and yaw (to the left) of the camera; a roll
-    that is already configured is kept.
+    The detector then turns images upright, to the nearest quarter turn. `mount_deg` has roll
+    (clockwise as seen from behind), pitch (down) and yaw (to the left) of the camera in degrees. A
+    roll that is configured already is kept.
     """
     if mount_deg is None or _CAMERA_ROLL in config.changed():
         return config
@@ -135,10 +135,11 @@ def add_replay_arguments(parser: argparse.ArgumentParser) -> None:
 def replay_command(args: argparse.Namespace) -> None:
     """Play a recording in real time to the nodes, write the results and print a report.
 
-    HoidError if an argument is invalid or the replay fails. For a damaged bag, this is raised
-    after the readable part was played.
+    HoidError if an argument is invalid or the replay fails; for a damaged bag, only after the
+    readable part was played.
     """
-    from hoid_bringup.live.replay import replay  # imports ROS, which other commands do not need
+    # It imports ROS, which the other commands do not need.
+    from hoid_bringup.live.replay import replay
 
     config = ReplayConfig(
         rate=args.rate, lockstep=args.lockstep, run=_config(args), imu=tuple(args.imu)
@@ -168,7 +169,7 @@ def add_evaluate_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def evaluate_command(args: argparse.Namespace) -> None:
-    """Print the errors of a trajectory, and write them to a file if one is given."""
+    """Print the errors of a trajectory; write them to a JSON file if one is named."""
     num_frames = args.frames or num_frames_of_run(args.estimate)
     result = evaluate(read_tum(args.estimate), read_tum(args.groundtruth), num_frames)
     print(evaluation_report(result))
@@ -178,7 +179,7 @@ def evaluate_command(args: argparse.Namespace) -> None:
 
 
 def _config(args: argparse.Namespace) -> RunConfig:
-    """Return the configuration, with the strategy `motion` if there is no detector model."""
+    """Return the configuration; its strategy is `motion` if no detector model is found."""
     config = run_config(args)
     if lacks_model(config, given_parameters(args)):
         print(NO_DETECTOR)
@@ -224,7 +225,7 @@ def run_report(summary: Summary, out_dir: Path) -> str:
 
 
 def dropped_frames(summary: Summary) -> str:
-    """Return how many frames of a replay were dropped, and why; empty if none were dropped."""
+    """Return a text about dropped frames of a replay and the reason, or '' if there are none."""
     num_dropped = summary.frames_total - summary.frames_processed
     if num_dropped <= 0 or not summary.cpu_share_by_node:
         return ''

@@ -37,7 +37,7 @@ from hoid_filter.strategy_registry import STRATEGIES
 from launch import LaunchContext, LaunchDescription
 
 RVIZ = PathJoinSubstitution([FindPackageShare('hoid_bringup'), 'rviz', 'hoid.rviz'])
-# By launch argument for a topic of the camera: the name that the nodes have for this topic.
+# By launch argument: the nodes' name for the camera topic that the argument sets.
 CAMERA_ARGUMENTS = {
     'rgb_topic': topics.RGB_IMAGE,
     'depth_topic': topics.DEPTH_IMAGE,
@@ -92,7 +92,7 @@ ARGUMENTS = (
 def camera_remappings(context: LaunchContext) -> list[tuple[str, str]]:
     """Return the remappings (from, to) of the camera topics.
 
-    A topic is taken from its launch argument or, if that is empty, from the chosen driver.
+    Each camera topic comes from its launch argument or, if that is empty, from the driver.
     """
     preset = CAMERA_TOPICS[value(context, 'camera')]
     names = dict(preset.remappings(value(context, 'camera_namespace')))
@@ -128,7 +128,7 @@ def suite(context: LaunchContext) -> list[LifecycleNode | Node]:
 def rviz(context: LaunchContext) -> Node:
     """Return RViz with the displays of the suite.
 
-    RuntimeError if RViz is not installed. Launch then ends before it has started any node.
+    RuntimeError if RViz is not installed; the launch then ends before it has started a node.
     """
     try:
         get_package_share_directory('rviz2')

@@ -1,1 +1,1 @@
-"""Errors of trajectories with respect to ground truth, and their plots."""
+"""Errors of trajectories compared with ground truth, and plots of them."""

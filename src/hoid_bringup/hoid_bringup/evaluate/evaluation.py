@@ -1,8 +1,8 @@
 """Absolute and relative errors (ATE, RPE) of a trajectory against ground truth, by evo.
 
 The conventions are those of the TUM RGB-D benchmark (Sturm et al., IROS 2012): poses are
-associated within 0.02 s, the estimate is aligned by a rigid transform without scale, and the
-relative error (RPE) is that of the motion over one second.
+associated within 0.02 s, the estimate is aligned by a rigid transform without scale, and RPE
+compares the motion over one second.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from hoid_common.values import NS_PER_S, BoolArray, FloatArray, IntArray, Trajec
 
 ASSOCIATION_S = 0.02
 RPE_INTERVAL_S = 1.0
-MIN_POSES = 3  # fewer poses do not determine a rigid alignment
+MIN_POSES = 3  # fewer pairs of poses do not determine the alignment
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +31,8 @@ class AlignedTrajectory:
     stamps_ns: IntArray  # (N,) stamps of the estimated poses
     T_world_camera: FloatArray  # (N, 4, 4) estimated poses after the alignment
     T_world_camera_true: FloatArray  # (N, 4, 4) true poses
-    T_world_map: FloatArray  # (4, 4) alignment: maps points of the estimate to the ground truth
+    # (4, 4) alignment: maps points of the estimate's map to the ground-truth frame.
+    T_world_map: FloatArray
     error_m: FloatArray  # (N,) distance between estimated and true camera center
 
 
@@ -39,7 +40,7 @@ class AlignedTrajectory:
 class Evaluation:
     """Errors of one trajectory; RPE values are None if no two poses are a second apart."""
 
-    num_pairs: int  # estimated poses with a true pose at nearly the same stamp
+    num_pairs: int  # number of estimated poses with a true pose at nearly the same stamp
     coverage: float | None  # share of frames with a pose; None: the number of frames is unknown
     ate_rmse_m: float
     ate_mean_m: float
@@ -113,10 +114,10 @@ def evaluate(
 
 
 def relative_errors(aligned: AlignedTrajectory) -> tuple[FloatArray, FloatArray]:
-    """Return the errors (M,) in m and (M,) in degrees of the motion over one second.
+    """Return the errors of the motion over one second: (M,) in m and (M,) in degrees.
 
-    Each pose is paired with the pose whose stamp is nearest to one second later, within 0.02 s.
-    (evo has intervals of frames only, but a trajectory with gaps needs intervals of time.)
+    Each pose is paired with the pose nearest to one second later, within 0.02 s. evo only offers
+    intervals of frames, which differ in time if the trajectory has gaps.
     """
     stamps_s = (aligned.stamps_ns - aligned.stamps_ns[0]) / NS_PER_S
     first, second = _pairs_at_interval(stamps_s)
@@ -132,7 +133,7 @@ def relative_errors(aligned: AlignedTrajectory) -> tuple[FloatArray, FloatArray]
 
 
 def _pairs_at_interval(stamps_s: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return the indices of the first (M,) and of the second (M,) pose of each pair."""
+    """Return the indices (M,), (M,) of the first and the second pose of each pair."""
     target = stamps_s + RPE_INTERVAL_S
     right = np.clip(np.searchsorted(stamps_s, target), 1, len(stamps_s) - 1)
     nearer_left = target - stamps_s[right - 1] < stamps_s[right] - target

@@ -1,4 +1,4 @@
-"""Plots of a trajectory from above and from the side, and of its error over time."""
+"""Plots of a trajectory from above and from the side, and of its errors over time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _PATH = '#2563a8'
 _ERROR_MAP = 'plasma'
 _SIZE_IN = (12.0, 8.2)
 _DPI = 110
-_MIN_SPAN_M = 0.05  # chosen: smallest half width of a plot, so that noise at rest is not magnified
+_MIN_SPAN_M = 0.05  # chosen: least half width of a plot, so that noise at rest is not magnified
 
 
 def plot_run(
@@ -29,8 +29,8 @@ def plot_run(
     """Write a PNG with the trajectory of a run, and its errors or its speed over time.
 
     Args:
-        estimate: All poses of the run in the map frame (z up); used if `aligned` is None.
-        aligned: The poses aligned to the ground truth; None: there is no ground truth.
+        estimate: All poses of the run in the map frame (z up); drawn if `aligned` is None.
+        aligned: The poses aligned to the ground truth; None if there is no ground truth.
     """
     figure = Figure(figsize=_SIZE_IN, dpi=_DPI, layout='constrained')
     FigureCanvasAgg(figure)
@@ -50,7 +50,7 @@ def plot_run(
 def _draw_errors(
     figure: Figure, above: Axes, side: Axes, bottom: Axes, aligned: AlignedTrajectory
 ) -> None:
-    """Draw the estimate, colored by error, over the gray ground truth, and the error over time."""
+    """Draw the estimate, colored by error, over the ground truth, and the error over time."""
     error_cm = 100 * aligned.error_m
     norm = Normalize(0.0, max(float(np.percentile(error_cm, 99)), 1e-3))
     joined = _joined(aligned.stamps_ns)
@@ -69,7 +69,7 @@ def _draw_errors(
 def _draw_plane(
     axes: Axes, aligned: AlignedTrajectory, plane: tuple[int, int], norm: Normalize
 ) -> LineCollection:
-    """Draw ground truth and estimate in the plane of two coordinates; return the colored line."""
+    """Draw ground truth and estimate in a plane of two axes; return the line of the estimate."""
     xyz_m = aligned.T_world_camera[:, :3, 3]
     true_m = aligned.T_world_camera_true[:, :3, 3]
     joined = _joined(aligned.stamps_ns)
@@ -82,7 +82,7 @@ def _draw_plane(
 
 
 def _draw_estimate(above: Axes, side: Axes, bottom: Axes, estimate: Trajectory) -> None:
-    """Draw a trajectory without ground truth, and its speed, in which jumps are visible."""
+    """Draw a trajectory without ground truth, and below it its speed, which shows jumps."""
     _label(bottom, '', 'time [s]', 'speed [m/s]')
     if len(estimate) < 2:
         above.text(0.5, 0.5, 'no trajectory', ha='center', transform=above.transAxes)
@@ -102,7 +102,7 @@ def _draw_estimate(above: Axes, side: Axes, bottom: Axes, estimate: Trajectory) 
 
 
 def _joined(stamps_ns: IntArray) -> FloatArray:
-    """Return (N-1,) factors for the lines between poses: 1, or NaN, which breaks a line."""
+    """Return (N-1,) factors for the line segments between poses: 1, or NaN at a gap."""
     return np.where(np.diff(stamps_ns) <= _GAP_S * NS_PER_S, 1.0, np.nan)
 
 
@@ -119,7 +119,7 @@ def _path(
 ) -> LineCollection:
     """Draw a line through (N, 2) points, in one color or colored by (N,) values, and return it.
 
-    `joined` (N-1,) is the result of `_joined`.
+    `joined` (N-1,) is the result of `_joined`: NaN removes a line segment.
     """
     segments = np.stack([points[:-1], points[1:]], axis=1) * joined[:, None, None]
     lines = LineCollection(list(segments), linewidths=width, capstyle='round', label=label)

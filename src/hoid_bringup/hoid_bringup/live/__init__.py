@@ -1,1 +1,1 @@
-"""Nodes as supervised processes, and recordings that are replayed to them."""
+"""Live runs: the nodes as supervised processes, and recordings that are replayed to them."""

@@ -1,4 +1,4 @@
-"""Number of processor cores for the nodes, and parameters that reduce the work on one core."""
+"""Limit on the processor cores of the nodes, and parameters that reduce the work on one core."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _SAID = {
 
 
 def use_cores(number: int | None) -> int:
-    """Limit this process and its children to a number of cores; return how many they may use.
+    """Limit this process and its children to a number of cores; return how many are usable.
 
-    None: all cores that this process may use. ConfigError if the number is below 1.
+    None: no further limit. ConfigError if the number is below 1.
     """
     if number is not None and number < 1:
         raise ConfigError(f'--cores {number}: give a number from 1 on')
@@ -39,9 +39,9 @@ def use_cores(number: int | None) -> int:
 
 
 def within_budget(options: NodeOptions, num_cores: int) -> NodeOptions:
-    """Return options that reduce the work if there is one core; log the changed parameters.
+    """Return options with parameters for less work if there is one core; log the changes.
 
-    Odometry of every image comes first. Values that the user has given are kept.
+    The parameters favor odometry in every image. Values that the user has given are kept.
     """
     if num_cores > 1:
         return options

@@ -1,4 +1,4 @@
-"""Times and counts of a live run by image, collected from messages in any order."""
+"""Timing and counts of a live run by image, collected from messages in any order."""
 
 from __future__ import annotations
 
@@ -13,16 +13,17 @@ _FRAME_STAGES = frozenset({'extract', 'filter', 'track'})
 
 @dataclass
 class LiveMetrics:
-    """Times and counts of images, by the stamp of the image in ns."""
+    """Timing and counts of images; the keys are stamps of images in ns."""
 
-    # By the stamp of an image: the wall-clock times [ns] at which the image was published and at
-    # which its odometry arrived.
+    # By stamp: wall-clock times (ns) at which an image was published and its odometry arrived.
     published_ns: dict[int, int] = field(default_factory=dict)
     odometry_ns: dict[int, int] = field(default_factory=dict)
-    processed: set[int] = field(default_factory=set)  # stamps of the images that SLAM processed
-    # By the stamp of an image: the number of detected features, and the number of removed ones.
+    # Stamps of the images that SLAM has processed.
+    processed: set[int] = field(default_factory=set)
+    # By stamp: number of detected features, and number of removed ones.
     num_features: dict[int, tuple[int, int]] = field(default_factory=dict)
-    num_dynamic: dict[int, int] = field(default_factory=dict)  # number of dynamic objects
+    # By stamp: number of dynamic objects.
+    num_dynamic: dict[int, int] = field(default_factory=dict)
     _stage_ms: dict[int, dict[str, float]] = field(default_factory=dict)
 
     @property
@@ -30,13 +31,13 @@ class LiveMetrics:
         return len(self.processed)
 
     def record_stages(self, stamp_ns: int, stage_ms: Mapping[str, float]) -> None:
-        """Add durations [ms] of stages of an image."""
+        """Add the durations (ms) of stages for an image."""
         self._stage_ms.setdefault(stamp_ns, {}).update(stage_ms)
 
     def latency_ms(self) -> list[float]:
-        """Return the times [ms] from publishing an image to receiving its odometry, by stamp.
+        """Return the times (ms) from publishing an image to receiving its odometry, by stamp.
 
-        Images for which one of the two times is unknown are left out.
+        Images are left out if one of the times is unknown.
         """
         return [
             (at_ns - self.published_ns[stamp_ns]) * _MS_PER_NS
@@ -45,9 +46,9 @@ class LiveMetrics:
         ]
 
     def stage_ms(self) -> dict[str, list[float]]:
-        """Return the times [ms] by stage, one for each image in which the stage was timed.
+        """Return the durations (ms) by stage, one for each image in which the stage was timed.
 
-        `frame` is the sum of `extract`, `filter` and `track`, for images with all three.
+        `frame` is the sum of `extract`, `filter` and `track`, for images that have all three.
         """
         out: dict[str, list[float]] = {}
         for _, stages in sorted(self._stage_ms.items()):

@@ -1,4 +1,4 @@
-"""Recorder of the messages that the nodes publish during a replay."""
+"""Recorder of what the nodes publish during a replay."""
 
 from __future__ import annotations
 
@@ -27,18 +27,20 @@ from hoid_common.slam_status import SlamState
 from hoid_common.slam_status import SlamStatus as Status
 from hoid_common.values import FloatArray, Trajectory
 
-_PAUSE_S = 0.1  # chosen: to wake at each message would take processor time from the nodes
+# Chosen: interval of spinning, because waking for each message would take processor time from the
+# nodes.
+_PAUSE_S = 0.1
 _QUEUE = 200  # chosen: the messages of some seconds, because the recorder may lag behind the nodes
 _SERVICE_TIMEOUT_S = 60.0  # chosen: saving a trajectory takes much less
-_MAP_TIMEOUT_S = 5.0  # not tuned
+_MAP_TIMEOUT_S = 5.0  # wait for map points; not tuned
 
 
 class LiveRecorder:
-    """Measures the nodes by their results; `spin` receives the messages.
+    """Records the results of the nodes and when they arrive; `spin` receives the messages.
 
     Args:
-        node: Node of this process, in the namespace of the other nodes. This object spins it.
-        camera_info: Topic of the camera_info messages, which `missing` publishes as well.
+        node: Node of this process, in the namespace of the other nodes; the recorder spins it.
+        camera_info: Topic on which `missing` publishes camera_info.
     """
 
     def __init__(self, node: Node, camera_info: str = topics.CAMERA_INFO) -> None:
@@ -57,8 +59,8 @@ class LiveRecorder:
         self._listen(DetectionArray, topics.DETECTIONS, self._on_detections)
         self._listen(DynamicObjectArray, topics.DYNAMIC_OBJECTS, self._on_objects)
         node.create_subscription(PointCloud2, topics.MAP_POINTS, self._on_cloud, qos.LATCHED)
-        # Latched: the status before the first image is published only once, perhaps before this
-        # subscription is discovered.
+        # Latched, because the status before the first image is published only once, perhaps before
+        # this subscription is discovered.
         node.create_subscription(
             SlamStatus, topics.SLAM_STATUS, self._on_status, qos.latched(_QUEUE)
         )
@@ -79,7 +81,7 @@ class LiveRecorder:
         """Return why the filter or SLAM node cannot receive images yet; '' if both can.
 
         Once all connections exist, each call also publishes `camera_info`, a serialized message,
-        until the SLAM node has published its status, so that its mapping process runs before the
+        until the SLAM node has published its status. Its mapping process then runs before the
         first image.
         """
         outputs = (topics.FEATURES, topics.ODOM)
@@ -89,7 +91,7 @@ class LiveRecorder:
             self._node.count_subscribers(topics.FEATURES),
             self._cameras.get_subscription_count(),
         )
-        if min(subscriptions) <= 1:  # the recorder's own
+        if min(subscriptions) <= 1:  # one is the recorder's own
             return f'{topics.FEATURES} and {self._cameras.topic_name} have no subscriber'
         if not self._save.service_is_ready():
             return f'the service {self._save.srv_name} is not available'
@@ -102,7 +104,7 @@ class LiveRecorder:
         return self.last_status.state.name.lower() if self.last_status is not None else ''
 
     def trajectory(self, kind: str, folder: Path) -> Trajectory:
-        """Have the SLAM node save a trajectory in its map directory `folder`, and return it.
+        """Let the SLAM node save a trajectory in its map directory `folder`, and return it.
 
         Args:
             kind: 'final', 'online' or 'keyframes'.
@@ -121,7 +123,7 @@ class LiveRecorder:
         return read_tum(folder / name)
 
     def latest_map_points_m(self) -> FloatArray:
-        """Wait up to 5 s for the next map points, and return the last (N, 3) in the map frame."""
+        """Wait at most 5 s for map points; return the last ones (N, 3) in the map frame."""
         before, end_s = self._num_clouds, time.monotonic() + _MAP_TIMEOUT_S
         while self._num_clouds == before and time.monotonic() < end_s:
             self._executor.spin_once(timeout_sec=0.1)
@@ -130,8 +132,8 @@ class LiveRecorder:
         return conversions.cloud_from_msg(self._cloud).points_m.astype(np.float64)
 
     def _on_camera(self, msg: CameraInfo, info: Mapping[str, int]) -> None:
-        # The arrival of camera_info counts as the publication of the image, which follows at
-        # once. A subscription to images would take far more processor time.
+        # The arrival of camera_info counts as the publication of the image, which follows at once:
+        # a subscription to images would take far more processor time.
         stamp_ns = conversions.stamp_from_msg(msg.header.stamp)
         self.metrics.published_ns[stamp_ns] = info['source_timestamp']
 

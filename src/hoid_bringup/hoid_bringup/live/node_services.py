@@ -1,4 +1,4 @@
-"""The commands `save-map`, `load-map`, `set-mode` and `status` for running nodes."""
+"""The commands `save-map`, `load-map`, `set-mode` and `status`, which talk to running nodes."""
 
 from __future__ import annotations
 
@@ -22,10 +22,11 @@ from hoid_common.ros.conversions.slam import slam_status_from_msg
 from hoid_common.ros.execution.executor import SteadyExecutor
 from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 
-_WAIT_S = 10.0  # chosen: discovery takes about a second, on a busy computer several
-_RESPONSE_S = 600.0  # chosen: a map of a building takes minutes to save or load
-_MEASURED_S = 2.0  # chosen: time during which the rate of images is measured
-# Wait without images: a node reports an input that is silent for 2 s in its next 1 Hz message.
+_WAIT_S = 10.0  # chosen: discovery takes about a second, or several on a busy computer
+_RESPONSE_S = 600.0  # chosen: saving or loading the map of a building takes minutes
+_MEASURED_S = 2.0  # chosen: duration of the measurement of the image rate
+# Wait if there are no images: a node reports an input that is silent for 2 s in its next message
+# on /diagnostics, at 1 Hz.
 _SILENT_S = 3.5
 
 
@@ -86,8 +87,8 @@ def status_command(args: argparse.Namespace) -> None:
     """Print which nodes run and what they lack, and the state, images and map of the SLAM node.
 
     For two seconds after the first message of a node, the command waits for other nodes and counts
-    images. Without images, it waits longer, so that nodes can report why. InputError if no node
-    reports within the time of `--wait`.
+    images. Without images, it waits longer, so that the nodes can report the reason. InputError if
+    no node reports within `--wait` seconds.
     """
     statuses: list[SlamStatusMsg] = []
     reports: list[DiagnosticArray] = []
@@ -103,7 +104,8 @@ def status_command(args: argparse.Namespace) -> None:
         num_before, start_s = len(statuses), time.monotonic()
         while time.monotonic() < start_s + _MEASURED_S:
             executor.spin_once(timeout_sec=0.1)
-        num_images = len(statuses) - max(num_before, 1)  # the first status is the latched one
+        # The first status is the latched one, of an earlier image.
+        num_images = len(statuses) - max(num_before, 1)
         while num_images <= 0 and time.monotonic() < start_s + _SILENT_S:
             executor.spin_once(timeout_sec=0.1)
         nodes = _messages_by_node(reports, prefix)
@@ -124,7 +126,7 @@ def _messages_by_node(reports: Sequence[DiagnosticArray], prefix: str) -> dict[s
 
 
 def _nobody(names: Sequence[tuple[str, str]], prefix: str, wait_s: float) -> str:
-    """Return an error text: no node of the suite reports in a namespace."""
+    """Return the error text for a namespace in which no node of the suite reports."""
     domain = os.environ.get('ROS_DOMAIN_ID', '0')
     where = sorted({space for name, space in names if name in NODE_CONFIGS})
     text = f'no node of the suite reports in namespace {prefix} of ROS domain {domain}'
@@ -134,7 +136,7 @@ def _nobody(names: Sequence[tuple[str, str]], prefix: str, wait_s: float) -> str
 
 
 def status_report(nodes: Mapping[str, str], status: SlamStatus | None, rate_hz: float) -> str:
-    """Return the nodes and the SLAM node's state as text; `status` None: no status received."""
+    """Return a text about the nodes and the state of the SLAM node (None: no status received)."""
     lines = [
         f'{"" if n else "nodes":7s} {name}: {text}' for n, (name, text) in enumerate(nodes.items())
     ]
@@ -172,7 +174,7 @@ def _slam_lines(status: SlamStatus | None, rate_hz: float) -> list[str]:
 
 
 def _call(args: argparse.Namespace, kind: type[Any], service: str, request: Any) -> None:
-    """Call a service of the running SLAM node, and print the line of its response.
+    """Call a service of the running SLAM node, and print the message of its response.
 
     InputError if the service is not available in time, does not respond, or fails.
     """

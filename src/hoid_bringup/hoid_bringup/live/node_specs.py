@@ -27,8 +27,8 @@ NODE_CONFIGS: Mapping[str, Config] = {
     SCENE: SceneNodeConfig(),
 }
 """Default configuration of each node."""
-# The nodes run in the interpreter of this process. The installed executables would use the first
-# interpreter on the path, which may be another one.
+# The nodes run in the Python interpreter of this process. The installed executables would use the
+# first interpreter on the path, which may be another one.
 _START = ('env', '--block-signal=INT', sys.executable, '-c')
 _CODE = "from hoid_common.process.entry import start; start('{package}.node')"
 
@@ -43,11 +43,11 @@ class NodeOptions:
     params_file: Path | None = None  # ROS parameter file for all nodes
     remappings: tuple[tuple[str, str], ...] = ()  # (from, to) of topics
     log_level: str = 'info'
-    # Values of parameters by node and by dotted name.
+    # By node and dotted name: values of parameters.
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
     def given(self, node: str) -> dict[str, Any]:
-        """Return the parameters that the user gives to a node; empty if it is not started."""
+        """Return the parameters that the user has set for a node; empty if it is not started."""
         if node not in self.nodes:
             return {}
         from_file = load_params(self.params_file, node) if self.params_file else {}
@@ -55,12 +55,11 @@ class NodeOptions:
 
 
 def node_specs(options: NodeOptions) -> tuple[ProcessSpec, ...]:
-    """Return the command lines of the nodes, for which `parameters` precede `params_file`.
+    """Return the command lines of the nodes; `parameters` override those in `params_file`.
 
-    Values of `parameters` are on the command lines, not in a temporary file, so that a node can be
-    restarted even if temporary files were removed. If an expert parameter is among them, `expert`
-    is set for its node. ConfigError if a given parameter is internal: it exists in offline runs
-    only.
+    `parameters` are on the command lines, not in a temporary file, so that a node can be restarted
+    even if temporary files were removed. If one is an expert parameter, `expert` is set for its
+    node. ConfigError for an internal parameter, which exists in offline runs only.
     """
     return tuple(_spec(package, options) for package in options.nodes)
 
@@ -86,14 +85,14 @@ def _spec(package: str, options: NodeOptions) -> ProcessSpec:
 
 
 def parameter_arguments(parameters: Mapping[str, Any]) -> list[str]:
-    """Return the command-line arguments that set parameters of every node of a process.
+    """Return the ROS arguments that set parameters for all nodes of a process.
 
     An empty tuple becomes [''], because ROS has no empty lists of strings.
     """
     arguments = []
     for name, value in parameters.items():
         entries = list(value or ('',)) if isinstance(value, tuple) else value
-        # JSON, which is valid YAML, quotes each text; without quotes ROS would read the text 1e3
-        # as a number.
+        # JSON, which is valid YAML, quotes each text; ROS would read an unquoted text 1e3 as a
+        # number.
         arguments += ['-p', f'{name}:={json.dumps(entries, ensure_ascii=False)}']
     return arguments

@@ -1,4 +1,4 @@
-"""The command `nodes`: all nodes of the suite as supervised processes on a robot."""
+"""The command `nodes`, which runs all nodes of the suite on a robot as supervised processes."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from hoid_common.topics import IMU, NAMESPACED_TF
 from hoid_detector.model.model_path import find_model
 from rgbd_slam.config.node_config import SlamNodeConfig
 
-_TICK_S = 0.05  # chosen: longest delay until the end of a node is noticed
+_TICK_S = 0.05  # chosen: longest delay until a node's end is noticed
 _NAMESPACE = re.compile(r'/?([A-Za-z_]\w*(/[A-Za-z_]\w*)*/?)?', re.ASCII)
 _PROGRESS = re.compile(r'\]: tracking, |\[DEBUG\]')
 _ALL = (DETECTOR, FILTER, SLAM, SCENE)
@@ -166,7 +166,7 @@ def _report_end(ended: ProcessExit) -> None:
 
 
 def _show_logs(supervisor: Supervisor) -> None:
-    """Print what the nodes have written to log files, without reports of progress."""
+    """Print new lines of the nodes' log files, except for progress reports."""
     for line in supervisor.new_log_lines():
         if not _PROGRESS.search(line):
             sys.stderr.write(f'{line}\n')
@@ -216,7 +216,7 @@ def node_options(args: argparse.Namespace) -> NodeOptions:
 
 
 def check_files(options: NodeOptions) -> None:
-    """Refuse a model or a map that does not exist, before any node is started."""
+    """Raise an error, before any node starts, if the configured model or map does not exist."""
     if model := options.given(DETECTOR).get('model'):
         find_model(model)
     slam = options.given(SLAM)
@@ -225,7 +225,7 @@ def check_files(options: NodeOptions) -> None:
 
 
 def set_parameters(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return the parameters of `--set` by node and name; ConfigError if one is invalid."""
+    """Return the parameters of `--set` options by node and name; ConfigError if one is invalid."""
     values = assignments(texts)
     return RunConfig().updated(values).named(values)
 
@@ -233,8 +233,8 @@ def set_parameters(texts: Sequence[str]) -> dict[str, dict[str, Any]]:
 def without_detector(options: NodeOptions) -> NodeOptions:
     """Return options with the strategy `motion` if no detector model is found.
 
-    The options are unchanged if detector or filter is not among the nodes, if the user gives a
-    model or a strategy, or if a model is found or downloaded (see `has_model`).
+    The options are unchanged if detector or filter is not started, if the user has set a model or
+    a strategy, or if a model is found or downloaded (see `has_model`).
     """
     is_chosen = 'model' in options.given(DETECTOR) or 'strategy' in options.given(FILTER)
     if is_chosen or not {DETECTOR, FILTER} <= set(options.nodes) or has_model():

@@ -1,4 +1,4 @@
-"""Live replay: a bag is played in real time to the nodes, and their results are recorded."""
+"""Live replay: plays a bag to the nodes in real time and records their results."""
 
 from __future__ import annotations
 
@@ -29,11 +29,12 @@ from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder
 from hoid_common.process.shared_memory import check_shared_memory, clean_shared_memory
 
-_NUM_OTHER_PROCESSES = 2  # besides the nodes: the player and this process
-_READY_TIMEOUT_S = 90.0  # not tuned: nodes start in seconds, on a busy computer in tens of seconds
-_TICK_S = 0.25  # chosen: period of checks and of the progress bar
-_CPU_PERIOD_S = 2.0  # chosen: a measurement reads all processes of the machine
-_QUIET_S = 2.0  # chosen: after this time without a result, all images are processed
+_NUM_OTHER_PROCESSES = 2  # the player and this process, besides the nodes
+# Not tuned: nodes start in seconds, or in tens of seconds on a busy computer.
+_READY_TIMEOUT_S = 90.0
+_TICK_S = 0.25  # chosen: period of checks and of updates of the progress bar
+_CPU_PERIOD_S = 2.0  # chosen: period of the measurement, which reads all processes of the machine
+_QUIET_S = 2.0  # chosen: all images are processed if no result comes for this time
 
 
 def replay(
@@ -47,13 +48,13 @@ def replay(
 ) -> Summary:
     """Start the nodes, play a bag to them, and write the results.
 
-    HoidError if the bag lacks topics of the nodes, a node does not start or ends early, the output
-    folder cannot be written, or shared memory is scarce.
+    HoidError if the bag lacks topics that the nodes need, a node does not start or ends early, the
+    output folder cannot be written, or shared memory is scarce.
 
     Args:
         out_dir: Folder for the results. Its subfolder `logs`, for logs of processes, is emptied.
         options: Options for the summary; None or empty: strategy, seed and all changed parameters.
-        recording: Path for the summary, if the bag was converted; None: the path of the bag.
+        recording: Path in the summary; None: the path of the bag.
     """
     summary_options = {
         **(options or config.run.summary_options()),
@@ -80,7 +81,8 @@ class _LiveRun:
         self._nodes = node_specs(node_options(bag, config, folder))
         self._camera_info = _first_camera_info(bag)
         self._player = player_spec(bag, config)
-        self._cpu_share: dict[str, float] = {}  # cores in use while the bag is played, by process
+        # By process: number of cores in use while the bag is played.
+        self._cpu_share: dict[str, float] = {}
 
     def run(self, summary_options: Mapping[str, Any], *, show_progress: bool) -> RunResult:
         check_shared_memory(len(self._nodes) + _NUM_OTHER_PROCESSES)
@@ -95,8 +97,8 @@ class _LiveRun:
     def _wait_until_ready(self, recorder: LiveRecorder, nodes: Supervisor) -> None:
         """Wait until the filter and the SLAM node can receive images; InputError after 90 s.
 
-        The detector is not waited for: the player waits for its subscription, which exists before
-        its model is loaded.
+        The player itself waits for the detector's subscription, which exists before the model is
+        loaded.
         """
         end_s = time.monotonic() + _READY_TIMEOUT_S
         while missing := recorder.missing(self._camera_info):
@@ -115,7 +117,7 @@ class _LiveRun:
         *,
         show_progress: bool,
     ) -> None:
-        """Record until the bag has been played and no further image is processed for 2 s.
+        """Record until the bag has been played and then no image is processed for 2 s.
 
         The processor time of the nodes and the player is measured while the bag is played.
         """
@@ -128,7 +130,7 @@ class _LiveRun:
                 self._raise_for(nodes.poll())
                 if time.monotonic() >= measured_s + _CPU_PERIOD_S:
                     measured_s, cpu_after_s = time.monotonic(), nodes.cpu_s() | player.cpu_s()
-                # The player of a damaged bag ends with an error after the last readable message.
+                # In a damaged bag, the player ends with an error after the last readable message.
                 ended = player.poll()
                 self._raise_for([e for e in ended if e.status != 0 and self._bag.fault is None])
                 bar.set_postfix_str(recorder.state_text(), refresh=False)
@@ -143,7 +145,7 @@ class _LiveRun:
             bar.update(num_processed - bar.n)
 
     def _raise_for(self, exits: list[ProcessExit]) -> None:
-        """Raise InputError with the last log line of the first process in `exits`, if any."""
+        """Raise InputError with the last log line of the first of `exits`, if there are any."""
         for ended in exits:
             raise InputError(f'{ended}: {last_line(self._log_dir / f"{ended.name}.log")}')
 
@@ -161,8 +163,8 @@ class _LiveRun:
         return RunResult(
             input_name=self._bag.name,
             options=summary_options,
-            # The nodes match color and depth image by image, which may give a few more pairs than
-            # the best matching of all images.
+            # The nodes match color and depth images one by one, which may give a few more pairs
+            # than the best matching of all images.
             frames_total=max(len(self._bag), metrics.num_processed),
             frames_processed=metrics.num_processed,
             final=final,
@@ -181,7 +183,7 @@ class _LiveRun:
 
 
 def _first_camera_info(bag: BagSequence) -> bytes:
-    """Return the first message of camera_info, serialized; InputError if there is none."""
+    """Return the first camera_info message, serialized; InputError if there is none."""
     topic = camera_info_topic(bag).name
     with BagReader(bag.path) as reader:
         for message in reader.messages([topic]):

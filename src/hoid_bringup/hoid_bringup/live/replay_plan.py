@@ -1,4 +1,4 @@
-"""The processes of a replay, with their topics and parameters. This module does not need ROS."""
+"""The processes of a replay with their topics and parameters, in code without ROS."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class ReplayConfig(Config):
         'true so that a slow computer loses no image.',
     )
     run: RunConfig = field(default_factory=RunConfig)
-    # Topics of an IMU in the bag: one topic with both sensors, or one of the gyro and one of the
+    # Topics of an IMU in the bag: one with both sensors, or one of the gyro and one of the
     # accelerometer.
     imu: tuple[str, ...] = ()
 
@@ -53,7 +53,7 @@ class ReplayConfig(Config):
 
     @property
     def nodes(self) -> tuple[str, ...]:
-        """Return the nodes to run: detector and scene only where needed."""
+        """Return the nodes to run; detector and scene are among them only if they are needed."""
         scene = self.run.scene
         is_needed = {
             DETECTOR: self.run.needs_detections and not self.uses_truth,
@@ -63,7 +63,7 @@ class ReplayConfig(Config):
 
 
 def camera_info_topic(bag: BagSequence) -> BagTopic:
-    """Return the camera_info topic of a bag, which the nodes need; InputError if it is missing."""
+    """Return the camera_info topic of a bag; InputError if it is missing, as nodes need it."""
     if bag.topics.camera_info is None:
         raise InputError(
             f'{bag.path}: has no camera_info topic, which the nodes need; record it, or use '
@@ -73,7 +73,7 @@ def camera_info_topic(bag: BagSequence) -> BagTopic:
 
 
 def node_options(bag: BagSequence, config: ReplayConfig, folder: Path) -> NodeOptions:
-    """Return the options of the nodes for a bag; they save files in `folder`.
+    """Return the options with which nodes process a bag and save files in `folder`.
 
     InputError if the bag lacks a topic, or the nodes cannot subscribe to an image topic.
     """
@@ -114,7 +114,7 @@ def _remappings(bag: BagSequence, config: ReplayConfig) -> tuple[tuple[str, str]
 
 
 def _inputs(bag: BagSequence, config: ReplayConfig) -> dict[str, Any]:
-    """Return the parameters of all nodes for the images of a bag."""
+    """Return the parameters `input.*` that all nodes need for the images of a bag."""
     inputs: dict[str, Any] = {}
     if bag.depth_offset_ns:
         inputs['input.depth_offset_s'] = bag.depth_offset_ns / NS_PER_S
@@ -129,19 +129,18 @@ def _inputs(bag: BagSequence, config: ReplayConfig) -> dict[str, Any]:
 def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
     """Return the command line of the process that plays the bag.
 
-    The process begins to play when all nodes that need color images have subscribed, and ends with
-    an error if they have not within 30 s. Only topics that the nodes need are played: an unused
-    IMU with a thousand messages per second would take processor time from all nodes (decision
-    018).
+    It begins to play when all nodes that need color images have subscribed, and ends with an error
+    if they have not after 30 s. Only topics that the nodes need are played, because an unused IMU
+    with a thousand messages per second would take processor time from all nodes (decision 018).
     """
     found = bag.topics
     color = found.color.name.lstrip('/')
     played = [found.color, found.depth, found.camera_info]
     if config.uses_truth:
         played.append(found.true_detections)
-    if found.depth_info is not None:  # the nodes need it to map depth to color
+    if found.depth_info is not None:  # the nodes need them to map depth to color
         played += [found.depth_info, found.static_frames]
-    num_subscribers = len(config.nodes) - 1  # SLAM needs no images
+    num_subscribers = len(config.nodes) - 1  # SLAM receives no images
     offset = ('--depth-offset', str(bag.depth_offset_ns / NS_PER_S)) if bag.depth_offset_ns else ()
     images = ('--rgb', found.color.name, '--depth', found.depth.name, *offset)
     lockstep = ('--lockstep', *images) if config.lockstep else ()
@@ -150,7 +149,8 @@ def player_spec(bag: BagSequence, config: ReplayConfig) -> ProcessSpec:
         (
             *(sys.executable, '-m', 'hoid_bringup', 'play', str(bag.path)),
             *('--rate', str(config.rate), '--wait', str(_SUBSCRIBER_TIMEOUT_S)),
-            # No node needs /clock, which would wake each of them 50 times a second (decision 018).
+            # /clock is not played: it would wake each node 50 times a second, and none needs it
+            # (decision 018).
             *('--no-clock', '--require', f'{color}={num_subscribers}', *lockstep),
             *('--topics', *(topic.name for topic in played if topic is not None), *config.imu),
         ),

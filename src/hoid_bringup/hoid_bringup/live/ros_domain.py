@@ -12,9 +12,9 @@ from hoid_common.errors import ConfigError
 
 VARIABLE = 'ROS_DOMAIN_ID'
 _FIRST, _COUNT = 1, 100  # ROS 2's documentation recommends domains up to 101
-_STRIDE = 37  # chosen: processes with successive ids then try domains that are far apart first
-# This process uses a domain again only after all others, because participants of an earlier replay
-# may still be known there for a while.
+_STRIDE = 37  # chosen: processes with successive ids then begin with domains that are far apart
+# Number of domains that this process has tried. It reuses a domain only after all others, because
+# participants of an earlier replay may still be known there for a while.
 _USED = itertools.count()
 _PORT_BASE = 32768  # a bound port marks a domain as taken, as in ROS's domain_coordinator
 
@@ -23,7 +23,7 @@ _PORT_BASE = 32768  # a bound port marks a domain as taken, as in ROS's domain_c
 def own_domain() -> Iterator[int]:
     """Reserve a free ROS domain for the block, set ROS_DOMAIN_ID to it, and yield it.
 
-    A domain in ROS_DOMAIN_ID is kept; ConfigError if it is not a number, or no domain is free.
+    If ROS_DOMAIN_ID is set, that is used. ConfigError if it is not a number, or no domain is free.
     """
     chosen = os.environ.get(VARIABLE, '')
     if chosen:

@@ -1,10 +1,10 @@
 """Supervision of child processes, which are started and ended together.
 
-A ROS node can hang in its shutdown with Python's interpreter lock held, so that it cannot end
+A ROS node can hang in its shutdown while it holds Python's interpreter lock, so that it cannot end
 itself. The supervisor therefore sends SIGINT, then SIGTERM, then SIGKILL.
 
-If the supervisor's block ends by an error, the children get another signal instead of SIGINT. It
-tells the SLAM node to keep its checkpoint (decision 046).
+If the supervisor's block ends by an error, the children get their failure signal instead of
+SIGINT: the SLAM node then keeps its checkpoint (decision 046).
 
 `ros2 launch` does the same with `respawn`, but needs an installation of ROS; `hoid` does not.
 """
@@ -31,13 +31,14 @@ from hoid_common.process.entry import EXIT_CONFIG
 
 _LOG = logging.getLogger(__name__)
 
-# Time for a node to end itself after SIGINT. It then gets SIGTERM, and SIGKILL a little later.
-# `ros2 launch` waits as long before it sends SIGKILL.
+# Time in which a node must end itself after SIGINT. Then it gets SIGTERM, and SIGKILL a little
+# later. `ros2 launch` waits as long before it sends SIGKILL.
 _GRACE_S = 10.0
-_MEMORY_PERIOD_S = 2.0  # chosen: a measurement reads all processes of the machine
-RESTART_PERIOD_S = 1.0  # chosen: a node that fails at once then does not take a whole processor
-# Chosen: longest time between two starts of a child that refuses to start. A start takes a core
-# for about a second.
+# Chosen: period of the measurement, which reads all processes of the machine.
+_MEMORY_PERIOD_S = 2.0
+RESTART_PERIOD_S = 1.0  # chosen: a node that fails at once then does not keep a whole core busy
+# Chosen: longest time between two starts of a child that refuses to start, because each start
+# takes a core for about a second.
 _MAX_REFUSAL_PERIOD_S = 30.0
 _BYTES_PER_MB = 2**20
 
@@ -48,18 +49,19 @@ class ProcessSpec:
 
     name: str
     argv: tuple[str, ...]
-    env: Mapping[str, str] = field(default_factory=dict)  # added to this process's environment
+    # Added to the environment of this process.
+    env: Mapping[str, str] = field(default_factory=dict)
     # Signal that ends the child after a failure of another child or of the supervising process.
     failure_signal: signal.Signals = signal.SIGTERM
 
 
 @dataclass(frozen=True)
 class ProcessExit:
-    """A child process that has ended by itself, not by the supervisor."""
+    """The end of a child process that the supervisor has not caused."""
 
     name: str
-    status: int  # exit status; negative: minus the number of the signal that ended it
-    restart_s: float | None = None  # time until it is started again; None: no restart
+    status: int  # exit status; if negative, the signal that ended the child
+    restart_s: float | None = None  # time until it is restarted; None: no restart
 
     @property
     def refused_to_start(self) -> bool:
@@ -100,12 +102,14 @@ class Supervisor:
         self._restart_period_s = restart_period_s
         self._log_dir = log_dir
         self._running: dict[str, subprocess.Popen[bytes]] = {}
-        self._due_s: dict[str, float] = {}  # times of restarts (monotonic)
-        self._started_s: dict[str, float] = {}  # times of the last starts (monotonic)
-        self._pauses_s: dict[str, float] = {}  # pause after the next refusal, which then doubles
-        self._has_run: set[str] = set()  # children of which a start succeeded
+        self._due_s: dict[str, float] = {}  # by child: time of the next restart (monotonic)
+        self._started_s: dict[str, float] = {}  # by child: time of the last start (monotonic)
+        # By child: pause after the next refusal, which doubles each time.
+        self._pauses_s: dict[str, float] = {}
+        self._has_run: set[str] = set()  # children that have started successfully
         self._peak_rss_mb: dict[str, float] = {}
-        self._read_bytes: dict[str, int] = {}  # bytes of each log file that have been read
+        # By child: number of bytes of its log file that have been read.
+        self._read_bytes: dict[str, int] = {}
         self._next_measurement_s = 0.0  # time of the next measurement (monotonic)
 
     def __enter__(self) -> Self:
@@ -125,7 +129,7 @@ class Supervisor:
         return {name: process.pid for name, process in self._running.items()}
 
     def peak_rss_mb(self) -> dict[str, float]:
-        """Return the largest resident memory [MiB] of each child with its descendants."""
+        """Return the peak resident memory (MiB) of each child, with its descendants."""
         return dict(self._peak_rss_mb)
 
     def new_log_lines(self) -> list[str]:
@@ -140,14 +144,14 @@ class Supervisor:
         return lines
 
     def cpu_s(self) -> dict[str, float]:
-        """Return the processor time [s] of each running child and its descendants."""
+        """Return the processor time (s) of each running child, with its descendants."""
         return {name: sum(_of_family(pid, _cpu_s)) for name, pid in self.pids.items()}
 
     def poll(self) -> list[ProcessExit]:
-        """Return the children that ended by themselves since the last call.
+        """Return the children that have ended by themselves since the last call.
 
-        Children are restarted if this is configured and their last start is long enough ago. Every
-        two seconds, the memory of the children is measured.
+        It restarts children if this is configured and their last start is long enough ago, and
+        measures their memory every two seconds.
         """
         now_s = time.monotonic()
         if now_s >= self._next_measurement_s:
@@ -167,13 +171,15 @@ class Supervisor:
     def stop(self, grace_s: float = _GRACE_S, *, after_failure: bool = False) -> None:
         """End all children by SIGINT, then SIGTERM, then SIGKILL, and wait until they have ended.
 
-        Restarts that were due are cancelled. SIGTERM follows after `grace_s`, SIGKILL after a
-        quarter more of it. After a failure, each child gets its failure signal in place of SIGINT.
+        Restarts that were due are cancelled. SIGTERM follows after `grace_s`, SIGKILL after
+        another quarter of it. After a failure, each child gets its failure signal in place of
+        SIGINT.
         """
         self._due_s.clear()
         if after_failure:
             for name, process in self._running.items():
-                # Not to its process group: the child's own children do not handle this signal.
+                # Sent to the child only and not to its process group, because its own children do
+                # not handle this signal.
                 process.send_signal(self._specs[name].failure_signal)
         else:
             self._signal_all(signal.SIGINT)
@@ -201,13 +207,13 @@ class Supervisor:
         return replace(ended, restart_s=pause_s)
 
     def _next_pause_s(self, name: str) -> float:
-        """Return the time [s] until the next try to start a child, and double it up to 30 s."""
+        """Return the pause (s) before the next start of a child, and double it, up to 30 s."""
         pause_s = self._pauses_s.get(name, self._restart_period_s)
         self._pauses_s[name] = min(2 * pause_s, _MAX_REFUSAL_PERIOD_S)
         return pause_s
 
     def _restart_child(self, name: str, now_s: float) -> None:
-        """Restart a child, or try it again later if the system refuses, as a full disk does."""
+        """Restart a child; if the system refuses, as with a full disk, schedule another try."""
         del self._due_s[name]
         try:
             self._start(self._specs[name])
@@ -225,9 +231,8 @@ class Supervisor:
                 stdin=subprocess.DEVNULL,
                 stdout=log,
                 stderr=subprocess.STDOUT if log is not None else None,
-                # With a process group of their own, the children do not get Ctrl-C themselves.
-                # They share one session, as niceness counts only within a session
-                # (sched(7), autogroup).
+                # In process groups of their own, the children do not receive Ctrl-C. They share
+                # one session, because niceness counts only within a session (sched(7), autogroup).
                 process_group=0,
             )
 
@@ -292,7 +297,7 @@ def _of_family(pid: int, measure: Callable[[psutil.Process], float]) -> Iterator
 
 
 def _end_with_parent(sign: signal.Signals) -> tuple[str, ...]:
-    """Return the command prefix (setpriv) that sends a signal when this process dies.
+    """Return the command prefix (setpriv) by which a child gets a signal when this process dies.
 
     The prefix is empty if the program setpriv (of util-linux) is missing.
     """

@@ -1,1 +1,1 @@
-"""Commands that read saved maps, without ROS."""
+"""Commands for saved maps, without ROS."""

@@ -1,4 +1,4 @@
-"""The command `map`: prints what saved maps contain, and joins several maps into one."""
+"""The command `map`: shows, merges, changes and exports saved maps."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def add_map_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def map_command(args: argparse.Namespace) -> None:
-    """Print the contents of saved maps, join maps, or change them."""
+    """Carry out the action of `map`: show saved maps, merge them, remove a loop, or export."""
     described = {_INFO: _described, _LOOPS: _listed_loops}
     change = {_MERGE: _merge, _REMOVE: _remove_loop, _EXPORT: _export}.get(args.action)
     if change is not None:
@@ -131,7 +131,7 @@ def _export(args: argparse.Namespace) -> None:
 
 
 def scene_of(path: Path) -> SavedScene:
-    """Return the scene of a saved map; empty for the folder that a killed node has left."""
+    """Return the scene in a saved map; empty if `path` is the folder of a killed node."""
     return scene_file.read_file(path) if path.is_file() else SavedScene()
 
 
@@ -177,7 +177,7 @@ def _listed_loops(path: Path, content: MapFile) -> Iterable[str]:
 
 
 def _numbers(pairs: Sequence[Sequence[Path]], maps: Sequence[Path]) -> list[tuple[int, int]]:
-    """Return the indices of each pair in `maps`; ConfigError if a path is not among the maps."""
+    """Return the indices of each pair in `maps`; ConfigError for a path that is not in it."""
     for pair in pairs:
         for path in pair:
             if path not in maps:
@@ -188,7 +188,7 @@ def _numbers(pairs: Sequence[Sequence[Path]], maps: Sequence[Path]) -> list[tupl
 
 
 def _joined(path: Path, join: MapJoin, maps: Sequence[Path]) -> Iterator[str]:
-    """Yield the lines of `map merge` about one map: the maps it is joined with, and why."""
+    """Yield the output lines of `map merge` about a map: the maps it is joined with, and why."""
     names = ', '.join(str(maps[n]) for n in join.joined_with)
     line = f'{path}: joined with {names}' if names else f'{path}: not joined'
     if not names and not join.fits:

@@ -1,4 +1,4 @@
-"""The action `map export`: writes a saved map as a mesh, or its objects as JSON."""
+"""The action `map export`: writes the mesh of a saved map, or its objects as JSON."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ _PLY, _GLB, _JSON = '.ply', '.glb', '.json'
 
 
 def export(content: MapFile, scene: SavedScene, out: Path | None, *, is_semantic: bool) -> str:
-    """Write a map to a file of the kind that its suffix names; return a summary of its content.
+    """Write a map to a file whose suffix selects the format; return a summary of its content.
 
-    PLY and GLB have a mesh of the dense map with the colors of vertices, or with those of the
-    classes of objects if `is_semantic` is set; JSON has the objects without tentative ones.
-    ConfigError if the suffix of the file is missing or unknown. InputError if the map has no
-    dense map, or a package is missing.
+    PLY and GLB get a mesh of the dense map, in measured colors or, if `is_semantic`, in colors of
+    the objects' classes. JSON gets the objects, but no tentative ones. ConfigError if the suffix
+    of the file is missing or unknown. InputError if the map has no dense map, or a package is
+    missing.
     """
     if out is None or out.suffix not in (_PLY, _GLB, _JSON):
         raise ConfigError('export needs --out FILE.ply, FILE.glb or FILE.json')

@@ -102,9 +102,9 @@ def add_objects_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def objects_command(args: argparse.Namespace) -> None:
-    """List the objects of a saved map that the options select, and write them to files if given.
+    """List the objects of a saved map that the options select; also write files if requested.
 
-    Of several maps in the file, only the one with most keyframes counts.
+    Only the main map of the file is used, which has most keyframes.
     """
     path = named_map(args.map)
     content, scene = map_file.load(path), scene_of(path)
@@ -159,7 +159,7 @@ def _query(args: argparse.Namespace, objects: Sequence[MapObject]) -> ObjectQuer
 
 
 def _age_or_time(text: str) -> int | datetime:
-    """Return an age [ns] or a time, in UTC unless it names another zone."""
+    """Return an age (ns), or a time, which is in UTC unless it names another zone."""
     if age := re.fullmatch(r'(\d{1,6})([smhd])', text):
         return int(age[1]) * _UNITS_NS[age[2]]
     try:

@@ -1,1 +1,1 @@
-"""Offline runs, without ROS: all stages on every frame of a recording, and the output files."""
+"""Offline runs without ROS: all stages on every frame of a recording, and output files."""

@@ -1,4 +1,4 @@
-"""Source of the detections of an offline run."""
+"""The detections of an offline run: from the detector, or ground-truth boxes."""
 
 from __future__ import annotations
 
@@ -23,12 +23,11 @@ def detection_source(
     config: RunConfig,
     expected: Callable[[], Detections | None] = lambda: None,
 ) -> DetectionSource:
-    """Return a function that returns the detections of a frame.
+    """Return a function that returns the detections of a frame, or None.
 
-    It returns None for each frame if the strategy needs no detections, for frames that the
-    detector skips by its rate, and for frames without a message of ground-truth boxes.
-    InputError if ground-truth boxes are requested and missing. ModelError if the
-    detector model is not found, or cannot be used.
+    None: the strategy needs no detections, the detector skips the frame by its rate, or the frame
+    has no message with ground-truth boxes. InputError if ground-truth boxes are requested, but the
+    recording has none. ModelError if the detector model is not found, or cannot be used.
 
     Args:
         expected: Function that returns where the object map expects objects; a detector uses it
@@ -53,6 +52,6 @@ def detection_source(
 
 
 def _at_rate(detect: DetectionSource, rate_hz: float) -> DetectionSource:
-    """Return a source that detects objects at a rate, by stamps, and returns None between."""
+    """Return a source that detects objects at a rate, by stamps of frames; None for the others."""
     rate = Rate(rate_hz)
     return lambda frame: detect(frame) if rate.take_due(frame.stamp_ns) else None

@@ -1,4 +1,4 @@
-"""Gives the recorded samples of an IMU to an offline run, as if they arrived beside the images."""
+"""The IMU of an offline run: recorded samples are added in step with the images."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.inertial.mounting import kalibr_mounting
 from rgbd_slam.inertial.sample_buffer import Samples
 
-# Chosen: up to this time after the stamp of an image, samples are added before the image is
-# processed. Live features arrive later than the IMU samples of the same time, too.
+# Chosen: samples up to this time after the stamp of an image are added before the image is
+# processed. Live, features also arrive later than the IMU samples of the same time.
 _AHEAD_NS = NS_PER_S // 10
 
 
@@ -21,10 +21,10 @@ class ImuFeed:
     def __init__(self, recording: ImuRecording, config: ImuConfig) -> None:
         self.imu = Imu(config, kalibr_mounting(config))
         self._rates, self._accelerations = recording
-        self._num_rates = self._num_accelerations = 0  # samples that have been added
+        self._num_rates = self._num_accelerations = 0  # numbers of samples that have been added
 
     def advance(self, stamp_ns: int) -> None:
-        """Add the samples with stamps before `stamp_ns` + 0.1 s that have not been added yet."""
+        """Add the samples with stamps before `stamp_ns` + 0.1 s that are not added yet."""
         end_ns = stamp_ns + _AHEAD_NS
         if self._rates is not None:
             samples, self._num_rates = _next(self._rates, self._num_rates, end_ns)
@@ -37,6 +37,6 @@ class ImuFeed:
 
 
 def _next(table: NumberTable, first: int, end_ns: int) -> tuple[Samples, int]:
-    """Return the samples from row `first` on that are before a stamp, and the row after them."""
+    """Return the samples from row `first` on with stamps before `end_ns`, and the next row."""
     end = max(int(table.stamps_ns.searchsorted(end_ns)), first)
     return Samples(table.stamps_ns[first:end], table.values[first:end]), end

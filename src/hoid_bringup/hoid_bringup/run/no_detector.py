@@ -1,4 +1,4 @@
-"""Fallback to the strategy `motion` on a machine without a detector model."""
+"""Fallback to the strategy `motion` if no detector model is found."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def has_model() -> bool:
 def lacks_model(config: RunConfig, given: Iterable[str]) -> bool:
     """Return whether a run must use the strategy `motion` because no detector model is found.
 
-    It is False if the strategy is among the `given` parameters: without a model, that run fails.
+    It is False if the strategy is among the `given` parameters; without a model, such a run fails.
     """
     known = [p.name for p in config.params()]
     changed = {full for name in given for full in full_names(name, known)}

@@ -45,7 +45,7 @@ class MapFiles(NamedTuple):
     save: Path | None = None  # file in which to save the map at the end; None: it is not saved
 
     def check(self) -> None:
-        """Refuse options that contradict each other, or a file that cannot be saved."""
+        """Raise HoidError if the options contradict each other, or a map cannot be saved."""
         if self.localize and self.load is None:
             raise ConfigError('--localize needs --map FILE')
         if self.save is not None:
@@ -104,10 +104,10 @@ class OfflinePipeline:
         self.objects: tuple[DynamicObject, ...] = ()  # objects in the last frame
 
     def load_map(self, path: Path, *, localize: bool) -> None:
-        """Load a saved map, in which the run may only localize.
+        """Load a saved map, to extend it or only to localize in it.
 
-        MapFileError if the file is not a valid map, the map has other octaves or its dense map
-        other voxels than the configuration, or its camera differs too much for an extension.
+        MapFileError if the file is not a valid map, if its octaves or voxels differ from the
+        configuration, or if its camera differs too much to extend the map.
         """
         content = map_file.load(path)
         uids = self._session.map.load(content, extend=not localize)
@@ -117,7 +117,7 @@ class OfflinePipeline:
         self._session.set_mode(SlamMode.LOCALIZATION if localize else SlamMode.MAPPING)
 
     def save_map(self, path: Path) -> None:
-        """Save the map in a file, with the dense map and the object map if there are any."""
+        """Save the map in a file, with the dense map and the object map if they exist."""
         content = self._session.map.export()
         keyframes = self._session.map.keyframes()
         self._scene.correct(keyframes)
@@ -172,7 +172,7 @@ class OfflinePipeline:
     def finish(
         self, sequence: Sequence, options: Mapping[str, Any], recording: Path | None = None
     ) -> RunResult:
-        """Finish mapping, end the session, and return all results in the z-up map frame.
+        """Finish mapping, end the session, and return all results in the map frame, with z up.
 
         The ground truth stays in its own frame.
         """
@@ -208,7 +208,7 @@ class OfflinePipeline:
 
 
 def _scheduler(config: RunConfig, *, dense: bool) -> SceneScheduler:
-    """Return the scheduler for the maps of a run; objects are tracked only for the object map."""
+    """Return the scheduler of the scene; it plans objects only if the object map is enabled."""
     scene = config.scene
     rates = (scene.objects.rate_hz, scene.object_map.rate_hz)
     of_objects = rates if scene.object_map.enabled else (None, None)
@@ -231,12 +231,12 @@ def run_offline(
 ) -> Summary:
     """Process every frame of a recording and write the results.
 
-    HoidError if the recording, the detector model or a map file is invalid, or the results cannot
-    be written.
+    HoidError if the recording, the detector model or a map file is invalid, or if the results
+    cannot be written.
 
     Args:
         options: Options for the summary; None: strategy, seed and all changed parameters.
-        recording: Path of the recording for the summary.
+        recording: Path of the recording in the summary.
         T_base_camera: (4, 4) pose of the camera on a level base; None: the camera is level.
     """
     check_writable(out_dir)

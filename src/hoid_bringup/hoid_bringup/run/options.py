@@ -93,9 +93,9 @@ def recording(args: argparse.Namespace) -> Sequence:
 
 
 def _max_gap_ns(args: argparse.Namespace) -> int:
-    """Return the limit [ns] for the gap between the stamps of a color and a depth image.
+    """Return the largest gap (ns) between the stamps of a color image and its depth image.
 
-    It is `filter.sync_slop_s` if the options change it, or else the TUM association tool's limit.
+    It is `filter.sync_slop_s` if the options set it, else the limit of TUM's association tool.
     """
     slop_s = run_config(args).changed().get(_SLOP)
     return MAX_PAIR_GAP_NS if slop_s is None else round(slop_s * NS_PER_S)
@@ -103,10 +103,10 @@ def _max_gap_ns(args: argparse.Namespace) -> int:
 
 @contextmanager
 def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
-    """Yield the recording that the command line names as a bag.
+    """Yield the recording that the command line names, as a bag that can be played.
 
-    A folder, and a bag whose images are in a video or in RGBD messages, is converted to a
-    temporary bag, which is removed at the end of the block.
+    A folder, or a bag with images in a video or in RGBD messages, is converted to a temporary bag,
+    which is removed at the end of the block.
     """
     found = recording(args)
     if isinstance(found, BagSequence) and not found.topics.color.source:
@@ -121,7 +121,7 @@ def playable_bag(args: argparse.Namespace) -> Iterator[BagSequence]:
         else:
             config = ConvertConfig(depth_units_per_m=units or ConvertConfig().depth_units_per_m)
             convert(args.input, path, config, found.camera, show_progress=True)
-            units = None  # the conversion has applied them
+            units = None  # the conversion has applied the unit of depth
         gap_ns, offset_ns = _max_gap_ns(args), depth_offset_ns(args)
         yield BagSequence(path, None, choice, gap_ns, offset_ns, units or 0.0)
 
@@ -133,7 +133,7 @@ def run_config(args: argparse.Namespace, base: RunConfig | None = None) -> RunCo
 def given_parameters(args: argparse.Namespace) -> dict[str, Any]:
     """Return the parameters that the command line sets, by name.
 
-    Names from `--set` are as the user wrote them: they may lack the short name of the node.
+    Names in `--set` stay as the user wrote them, maybe without the short name of the node.
     """
     values: dict[str, Any] = {
         name: getattr(args, option)
@@ -144,7 +144,7 @@ def given_parameters(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def assignments(texts: Iterable[str]) -> dict[str, Any]:
-    """Return parameters by name from texts NAME=VALUE, where the value is YAML.
+    """Return the parameters by name in texts NAME=VALUE, where VALUE is YAML.
 
     A list becomes a tuple. If a name is repeated, its last value counts. ConfigError if a text is
     not NAME=VALUE, or its value is not valid YAML.

@@ -1,4 +1,4 @@
-"""Output files of a run, which appear in the output folder only when all are complete."""
+"""Output files of a run, which appear in the output folder together when all are complete."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def write_outputs(out_dir: Path, result: RunResult) -> Summary:
 
 
 def num_frames_of_run(trajectory: Path) -> int | None:
-    """Return `frames_total` from the summary beside `trajectory.txt` or `trajectory_online.txt`.
+    """Return `frames_total` in the summary beside `trajectory.txt` or `trajectory_online.txt`.
 
     None if the file has another name, or there is no valid summary beside it.
     """

@@ -1,6 +1,6 @@
 """Names of the nodes' parameters in `--set`, experiments and summaries.
 
-There, a name begins with the short name of the node, as in `filter.strategy`.
+They begin with the short name of the node, as in `filter.strategy`.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ _SHORT = {node: stage for stage, node in STAGES.items()}
 
 
 def full_names(name: str, known: Collection[str]) -> Sequence[str]:
-    """Return the full name STAGE.PARAMETER; for a shared parameter, the name for each node.
+    """Return the full name STAGE.PARAMETER; for a shared parameter, one name per node.
 
-    `name` may be STAGE.PARAMETER, NODE.PARAMETER, or a PARAMETER that only one node has or is
-    shared; ConfigError if it is unknown or ambiguous among the full names in `known`.
+    `name` is STAGE.PARAMETER, NODE.PARAMETER, or PARAMETER, if one node has it or all nodes share
+    it. ConfigError if it is unknown or ambiguous among the full names in `known`.
     """
     head, _, rest = name.partition('.')
     of_stage = f'{_SHORT.get(head, head)}.{rest}'

@@ -18,7 +18,7 @@ from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_common.errors import ModelError
 from hoid_detector.model.model_path import find_model
 
-_FILTER = 'filter'  # short name of the option that is always in a summary
+_FILTER = 'filter'  # short name of a parameter that every summary has
 
 
 @dataclass(frozen=True)
@@ -31,10 +31,10 @@ class DetectorFile:
 
 @dataclass(frozen=True)
 class Provenance:
-    """Provenance of a result: command, version of the code, machine and detector."""
+    """How a result was produced: command, version of the code, machine and detector."""
 
     command: str  # command line, quoted for a shell
-    commit: str  # commit of the source tree, as the function `commit` returns it
+    commit: str  # result of the function `commit` for the source tree
     machine: str  # processor, number of cores, memory and operating system
     detector: DetectorFile | None  # None: no detector was used, or its file is not found
 
@@ -52,7 +52,7 @@ def machine() -> str:
 
 
 def commit(folder: Path) -> str:
-    """Return the commit of a clone, with "-dirty" if files differ; empty outside a clone."""
+    """Return the commit of a clone, with "-dirty" if files have changed; '' outside a clone."""
     command = ['git', '-C', str(folder), 'describe', '--always', '--dirty', '--exclude=*']
     try:
         done = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -77,7 +77,7 @@ def _detector(options: Mapping[str, Any]) -> DetectorFile | None:
         return None
     if config.detector.model == TRUTH:
         return DetectorFile(TRUTH, None)
-    with suppress(ModelError, OSError):  # stored detections need no model
+    with suppress(ModelError, OSError):  # replayed detections need no model file
         path = find_model(config.detector.model or None)
         return DetectorFile(path.stem, hashlib.sha256(path.read_bytes()).hexdigest())
     return None

@@ -1,4 +1,4 @@
-"""Configuration of a whole run, with the configurations of the four nodes as sections."""
+"""Configuration of a whole run: the configurations of the four nodes as its sections."""
 
 from __future__ import annotations
 
@@ -37,7 +37,8 @@ class RunConfig(Config):
     slam: SlamNodeConfig = section(SlamNodeConfig)
     scene: SceneNodeConfig = section(SceneNodeConfig)
 
-    LIVE_ONLY: ClassVar[tuple[str, ...]] = (  # prefixes of parameters that have no effect offline
+    # Prefixes of the names of parameters that have no effect offline.
+    LIVE_ONLY: ClassVar[tuple[str, ...]] = (
         'detector.input.', 'detector.base_frame', 'detector.autostart',
         'filter.input.',
         'filter.detections.', 'slam.input.', 'slam.frames.', 'slam.map_',
@@ -77,12 +78,12 @@ class RunConfig(Config):
         return {p.name: p.value for p in self.params() if p.value != default[p.name]}
 
     def named(self, names: Iterable[str]) -> dict[str, dict[str, Any]]:
-        """Return the values of some parameters, by node and by the name in the node."""
+        """Return the values of the named parameters, by node and by their name in the node."""
         values = {p.name: p.value for p in self.params()}
         return by_node({full: values[full] for n in names for full in full_names(n, values)})
 
     def summary_options(self) -> dict[str, Any]:
-        """Return the options to write into a summary: strategy, seed, and changed parameters."""
+        """Return the options for a summary: strategy, seed, and all changed parameters."""
         values = {p.name: p.value for p in self.params()}
         always = {short: values[name] for short, name in SHORT_NAMES.items()}
         rest = {n: v for n, v in self.changed().items() if n not in SHORT_NAMES.values()}
@@ -90,10 +91,9 @@ class RunConfig(Config):
 
     @classmethod
     def from_summary_options(cls, options: Mapping[str, Any]) -> RunConfig:
-        """Return the configuration of a run from the options in its summary.
+        """Return the configuration of a run that the options in its summary describe.
 
-        Options that are no parameters, such as the rate of a replay or parameters of another
-        version, are ignored.
+        It ignores options that are no parameters of this version, such as the rate of a replay.
         """
         values: dict[str, Any] = {}
         known = [p.name for p in cls().params()]

@@ -25,7 +25,7 @@ from rgbd_slam.inertial.report import ImuReport
 
 _LOG = logging.getLogger(__name__)
 _LIBRARIES = ('numpy', 'opencv-python-headless', 'onnxruntime', 'gtsam', 'rosbags', 'evo')
-# Stages that every summary lists, whether they were timed or not.
+# Stages that every summary lists, even if they were not timed.
 _STAGES = ('detect', 'extract', 'filter', 'track', 'map', 'frame')
 _MAP_COUNTS = ('keyframes', 'map_points', 'maps', 'loops', 'merges', 'relocalizations')
 
@@ -60,26 +60,27 @@ class RunResult:
 
     input_name: str
     options: Mapping[str, Any]  # options for the summary, by name
-    frames_total: int  # of the recording
+    frames_total: int  # number of frames in the recording
     frames_processed: int
     final: Trajectory  # poses of the frames in the final main map
-    online: Trajectory  # poses as they were when the frames were tracked
+    online: Trajectory  # poses as they were estimated when the frames were tracked
     keyframes: Trajectory  # poses of the keyframes in the final main map
     map_points_m: FloatArray  # (N, 3)
     ground_truth: Trajectory | None  # in the frame of the ground truth; None: there is none
     status: SlamStatus  # status at the end, with the counts of the main map
     filter_counts: FilterCounts
-    # Durations in ms by stage, one per frame.
+    # By stage: durations in ms, one per frame.
     stage_ms: Mapping[str, Sequence[float]]
-    peak_rss_mb: float  # largest resident memory in MiB; live: sum of the nodes' largest values
+    peak_rss_mb: float  # peak resident memory in MiB; live: sum of the peaks of the nodes
     # Times in ms from the publication of an image to its odometry; live runs only.
     latency_ms: Sequence[float] = ()
-    # Largest resident memory in MiB by node, including child processes; live runs only.
+    # By node: peak resident memory in MiB, with child processes; live runs only.
     rss_by_node_mb: Mapping[str, float] = field(default_factory=dict)
-    # Number of cores in use on average, by node; live runs only.
+    # By node: number of cores in use on average; live runs only.
     cpu_share_by_node: Mapping[str, float] = field(default_factory=dict)
-    cloud: ColoredCloud | None = None  # points of the dense map, in the map frame; None: not made
-    grid: Grid | None = None  # None: it was not made, or no floor was found
+    # Points of the dense map, in the map frame; None: no dense map was made.
+    cloud: ColoredCloud | None = None
+    grid: Grid | None = None  # None: no grid was made, or no floor was found
     recording: Path | None = None  # path of the recording
     imu: ImuReport | None = None  # None: there was no IMU, or the run was live
 
@@ -171,7 +172,7 @@ def versions() -> dict[str, str]:
 def _errors(
     estimate: Trajectory, truth: Trajectory | None, *, warn: bool = False
 ) -> dict[str, float | None]:
-    """Return the errors by name; None without ground truth, or for an error that is undefined."""
+    """Return errors by name; None without ground truth, or if an error is undefined."""
     names = ('ate_rmse_m', 'rpe_trans_1s_rmse_m', 'rpe_rot_1s_rmse_deg')
     if truth is None:
         return dict.fromkeys(names)
@@ -185,7 +186,7 @@ def _errors(
 
 
 def _without_nan(value: Any) -> Any:
-    """Return nested values in which NaN and infinity, which JSON lacks, are None."""
+    """Return nested values with None for NaN and infinity, which JSON lacks."""
     if isinstance(value, dict):
         return {key: _without_nan(inner) for key, inner in value.items()}
     if isinstance(value, list | tuple):

@@ -1,1 +1,1 @@
-"""3-D viewer of recordings and runs."""
+"""The 3-D viewer of recordings, runs and saved maps."""

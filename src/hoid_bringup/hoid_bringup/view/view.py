@@ -1,4 +1,4 @@
-"""The command `view`: shows a recording, a run or a saved map in Rerun, or saves it to a file."""
+"""The command `view`: shows a recording, run or saved map in Rerun, or saves it to a file."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def _write(args: argparse.Namespace, path: Path) -> None:
 
 
 def _recording_of_run(args: argparse.Namespace, recorded_path: Path | None) -> Sequence | None:
-    """Return the recording of a run; None, after printing a note, if it is not found."""
+    """Return the recording of a run; if it is not found, print a note and return None."""
     path = args.recording or recorded_path
     if path is None or not (args.recording or path.exists()):
         where = f'{path} does not exist' if path else 'its summary names none'
@@ -108,7 +108,7 @@ def _check_display() -> None:
 def _open(path: Path) -> None:
     """Show a file in the viewer, and wait until its window is closed.
 
-    The viewer accepts connections from this computer only.
+    The viewer accepts connections only from this computer.
     """
     command = [sys.executable, '-m', 'rerun', '--bind', '127.0.0.1', '--port', 'auto', str(path)]
     status = subprocess.run(command, check=False).returncode

@@ -1,4 +1,4 @@
-"""Logging of recordings, and of the results of runs, for the viewer."""
+"""Logging of recordings and of results for the viewer."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from rgbd_slam.store import map_file
 
 @dataclass(frozen=True, eq=False)
 class FinishedRun:
-    """Results in the output folder of `hoid run` or `hoid replay`."""
+    """The results of `hoid run` or `hoid replay` in an output folder."""
 
     folder: Path
     recording: Path | None  # path of the recording at the time of the run; None: unknown
@@ -64,7 +64,7 @@ def open_run(folder: Path) -> FinishedRun:
 def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
     """Log the map, the trajectories and the keyframes of a run.
 
-    The true trajectory is aligned to the estimate; it is left out if that is not possible.
+    The true trajectory is aligned to the estimate, or left out if that is impossible.
     """
     log.path(ESTIMATED_PATH, run.final)
     log.keyframes(run.keyframes.T_world_camera, sequence.camera if sequence else None)
@@ -73,7 +73,7 @@ def log_run(log: ViewLog, run: FinishedRun, sequence: Sequence | None) -> None:
     if dense.is_file():
         log.cloud(*read_ply(dense))
     if sequence is not None and sequence.ground_truth is not None:
-        with suppress(InputError):  # too few poses, or poses on a line, cannot be aligned
+        with suppress(InputError):  # too few poses, or poses on one line, cannot be aligned
             log.path(TRUE_PATH, _in_map(sequence.ground_truth, run.final))
 
 
@@ -94,7 +94,7 @@ def log_map(log: ViewLog, path: Path) -> None:
 
 
 def log_recording(log: ViewLog, sequence: Sequence, config: RunConfig) -> None:
-    """Filter and log all images of a recording, with its true poses if it has any."""
+    """Filter and log all images of a recording, with its true poses if they are known."""
     if sequence.ground_truth is not None:
         log.path(TRUE_PATH, sequence.ground_truth)
     log_images(log, sequence, config, sequence.ground_truth)
@@ -116,9 +116,9 @@ def log_images(
 
 
 def with_ground_truth_boxes(config: RunConfig, sequence: Sequence) -> RunConfig:
-    """Return the configuration, changed to use ground-truth boxes if that is possible.
+    """Return the configuration with ground-truth boxes as detections, if that is possible.
 
-    It is unchanged if it names a detector model or the recording has no ground-truth boxes.
+    It is unchanged if it names a detector model, or if the recording has no ground-truth boxes.
     """
     if config.detector.model or sequence.true_detections is None:
         return config

@@ -1,4 +1,4 @@
-"""Log file for the Rerun viewer; the only module that uses Rerun."""
+"""The log file for the Rerun viewer; no other module uses Rerun."""
 
 from __future__ import annotations
 
@@ -40,20 +40,21 @@ BOXES = f'{IMAGE}/boxes'
 KEPT, REMOVED = f'{IMAGE}/features/kept', f'{IMAGE}/features/removed'
 TIMELINE = 'time'
 
-_PATH_COLORS = {ESTIMATED_PATH: (255, 196, 61), TRUE_PATH: (150, 156, 168)}  # as in the plots
+# The colors of the plots.
+_PATH_COLORS = {ESTIMATED_PATH: (255, 196, 61), TRUE_PATH: (150, 156, 168)}
 _POINT_COLOR = (120, 200, 255)
 _KEYFRAME_COLOR = (90, 130, 220)
 _OBJECT_COLOR, _GONE_COLOR = (90, 200, 90), (140, 140, 140)
 _FRUSTUM_M = 0.06  # chosen: height of a keyframe's pyramid
 _GAP_S = 0.5  # chosen: a longer time without a pose is drawn as a gap
-_DEPTH_STRIDE = 2  # chosen: depth images are most of the file, so they have half the size
+_DEPTH_STRIDE = 2  # chosen: every other row and column, because depth images are most of the file
 _JPEG_QUALITY = 85  # chosen
 
 
 class ViewLog:
     """Context manager that writes a file for the viewer.
 
-    The file appears only when it is complete; an existing file is replaced then.
+    The file appears only when it is complete, and then replaces an existing file.
     """
 
     def __init__(self, path: Path, *, is_map: bool = False) -> None:
@@ -73,11 +74,11 @@ class ViewLog:
         self._staged.__exit__(*error)
 
     def points(self, points_m: Float32Array) -> None:
-        """Log (N, 3) map points in the map frame."""
+        """Log the map points (N, 3), in the map frame."""
         self._cloud(POINTS, points_m, _POINT_COLOR, 2.0)
 
     def cloud(self, points_m: Float32Array, colors_bgr: ByteArray) -> None:
-        """Log the dense map: (N, 3) points in the map frame with (N, 3) BGR colors."""
+        """Log the dense map: points (N, 3) in the map frame with their colors (N, 3)."""
         self._cloud(CLOUD, points_m, colors_bgr[:, ::-1], 1.5)
 
     def _cloud(
@@ -87,21 +88,21 @@ class ViewLog:
         self._stream.log(entity, points, static=True)
 
     def path(self, entity: str, trajectory: Trajectory) -> None:
-        """Log a trajectory in the map frame as a line, with a gap after 0.5 s without a pose."""
+        """Log a trajectory in the map frame as a line, with gaps where 0.5 s have no pose."""
         gaps = np.flatnonzero(np.diff(trajectory.stamps_ns) > _GAP_S * NS_PER_S) + 1
         strips = np.split(trajectory.T_world_camera[:, :3, 3], gaps)
         lines = rr.LineStrips3D(strips, colors=_PATH_COLORS[entity], radii=rr.Radius.ui_points(1))
         self._stream.log(entity, lines, static=True)
 
     def keyframes(self, T_map_camera: FloatArray, camera: CameraModel | None) -> None:
-        """Log a small pyramid for each pose (N, 4, 4); without a camera, of a default shape."""
+        """Log a pyramid for each keyframe pose (N, 4, 4); without a camera, of default shape."""
         outline = _frustum_m(camera)
         strips = [se3.transform(T, outline) for T in T_map_camera]
         lines = rr.LineStrips3D(strips, colors=_KEYFRAME_COLOR, radii=rr.Radius.ui_points(0.7))
         self._stream.log(KEYFRAMES, lines, static=True)
 
     def objects(self, objects: Sequence[MapObject]) -> None:
-        """Log the boxes of objects with classes and numbers, and a sheet of their pictures."""
+        """Log the boxes of objects with class and number, and a sheet of their pictures."""
         boxes = rr.Boxes3D(
             centers=[item.center_map_m for item in objects],
             half_sizes=[item.size_m / 2 for item in objects],
@@ -116,7 +117,7 @@ class ViewLog:
             self._stream.log(PICTURES, picture, static=True)
 
     def camera(self, camera: CameraModel) -> None:
-        """Log the camera model of the color images, and that of the depth images of half size."""
+        """Log the camera model of the color images, and that of the depth images, of half size."""
         for entity, stride in ((IMAGE, 1), (DEPTH, _DEPTH_STRIDE)):
             pinhole = rr.Pinhole(
                 focal_length=(camera.fx_px / stride, camera.fy_px / stride),
@@ -131,7 +132,7 @@ class ViewLog:
     def frame(
         self, frame: RgbdFrame, result: FilterResult, T_map_camera: FloatArray | None
     ) -> None:
-        """Log an image, the results of the filter and, if known, the image's (4, 4) pose."""
+        """Log an image with the results of the filter and, if known, its pose (4, 4)."""
         self._stream.set_time(TIMELINE, timestamp=np.datetime64(frame.stamp_ns, 'ns'))
         self._pose(T_map_camera)
         jpeg = images.encode_jpeg(frame.image_bgr, _JPEG_QUALITY)
@@ -179,7 +180,7 @@ def _layout(*, is_map: bool) -> rrb.Blueprint:
 
 
 def _frustum_m(camera: CameraModel | None) -> FloatArray:
-    """Return a keyframe's pyramid as one line of (11, 3) points in the camera frame."""
+    """Return a keyframe's pyramid as one polyline (11, 3) in m, in the camera frame."""
     half = np.array([0.6, 0.45])
     if camera is not None:
         half = np.array([camera.width_px / camera.fx_px, camera.height_px / camera.fy_px]) / 2
@@ -190,14 +191,14 @@ def _frustum_m(camera: CameraModel | None) -> FloatArray:
 
 
 def _label(item: DynamicObject) -> str:
-    """Return the label of a box; except for people and static objects, it has the reason."""
+    """Return the label of a box; it includes the state unless that is person or at rest."""
     if item.state in (ObjectState.AT_REST, ObjectState.PERSON):
         return label(item)
     return f'{label(item)} {item.state.name.lower()}'
 
 
 def _depth_png(depth_m: Float32Array) -> bytes:
-    """Return a depth image (H, W) as a 16-bit PNG in mm at half size; limited to 65.535 m."""
+    """Return a depth image (H, W) in m as 16-bit PNG in mm at half size, limited to 65.535 m."""
     small = depth_m[::_DEPTH_STRIDE, ::_DEPTH_STRIDE] * images.MM_PER_M + 0.5
     small_mm = np.minimum(small, np.iinfo(np.uint16).max).astype(np.uint16)
     _, png = cv2.imencode('.png', small_mm, [cv2.IMWRITE_PNG_COMPRESSION, 1])
