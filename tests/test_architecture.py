@@ -45,8 +45,8 @@ LAYERS = {
     """,
     'rgbd_slam': """
         config < records < model < matching < optimize < places < inertial < tracking local_mapping
-        < loops < store < robot_frames late_verdicts map_joining < mapping < slam leveling
-        < session < ros < node
+        < loops < store < robot_frames late_verdicts map_joining focal_length < mapping
+        < slam leveling < session < ros < node
     """,
     'hoid_bags': """
         images progress < storage < tum < bag < imu_recording sequence convert < options < live

@@ -188,3 +188,11 @@ def test_half_size_images_show_points_at_half_the_position() -> None:
     full_px, half_px = (c.project_px(point_m) for c in (Recording.camera, half.camera))
     # The center of the first 2x2 pixels, at 0.5, is that of the first pixel of half the size.
     np.testing.assert_allclose(2 * half_px + 0.5, full_px)
+
+
+def test_a_stated_focal_length_changes_no_image() -> None:
+    wrong = PerturbedSequence(Recording(), Perturbation(focal_factor=1.08), 0)
+    assert wrong.camera.fx_px == pytest.approx(1.08 * Recording.camera.fx_px)
+    assert wrong.camera.cx_px == Recording.camera.cx_px
+    for one, other in zip(wrong, Recording(), strict=True):
+        np.testing.assert_array_equal(one.image_bgr, other.image_bgr)

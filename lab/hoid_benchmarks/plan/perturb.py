@@ -47,7 +47,12 @@ class PerturbedSequence:
         if perturbation.screen_m > 0 and base.ground_truth is not None:
             self._screen = MovingPicture(base.camera, base.ground_truth, perturbation.screen_m)
         self.name = base.name
-        self.camera: CameraModel = _halved(base.camera) if perturbation.half_size else base.camera
+        camera = _halved(base.camera) if perturbation.half_size else base.camera
+        self.camera: CameraModel = replace(
+            camera,
+            fx_px=camera.fx_px * perturbation.focal_factor,
+            fy_px=camera.fy_px * perturbation.focal_factor,
+        )
         self.ground_truth: Trajectory | None = base.ground_truth
         self.true_detections = base.true_detections
         self.fault = base.fault

@@ -57,6 +57,7 @@ class Perturbation:
     keep_every: int = 1  # 2: only every second image is kept
     stamp_jitter_ms: float = 0.0  # largest error of the stamps
     half_size: bool = False  # images of half the width and height
+    focal_factor: float = 1.0  # ratio of the stated to the recorded focal length
     extra_boxes: int = 0  # number of false objects in each frame
     false_every: int = 0  # 10: a false person of low score in every tenth frame
     imu: str = ''  # change of the samples of the IMU (`imu_changes.py`)

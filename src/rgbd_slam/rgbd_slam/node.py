@@ -136,6 +136,7 @@ class RgbdSlamNode(ManagedNode):
 
     def _diagnose(self, session: SlamSession, status: SlamStatus) -> None:
         self.diagnostics.set_value('state', status.state.name.lower())
+        self.diagnostics.report_problem('focal length', session.focal_length.problem)
         self.diagnostics.set_count('images processed', status.frames_processed)
         self.diagnostics.set_count('images missing', status.frames_dropped)
         self.diagnostics.set_count('mapping processes that died', session.map.mapper.num_restarts)

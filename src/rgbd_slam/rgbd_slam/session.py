@@ -15,6 +15,7 @@ from hoid_common.poses.keyframe_poses import TrackedImage
 from hoid_common.slam_status import SlamMode, SlamState, SlamStatus
 from hoid_common.values import CameraModel, Features, FeatureVerdicts, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
+from rgbd_slam.focal_length import FocalLengthCheck
 from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.late_verdicts import LateVerdicts
 from rgbd_slam.leveling import Leveling
@@ -88,6 +89,7 @@ class SlamSession:
             camera, config, frames, background=background, imu=imu, motion_sources=motion_sources
         )
         self.map = self.slam.map
+        self.focal_length = FocalLengthCheck(self.map.stereo)
         self.is_paused = False  # True: images are ignored
         self.stamp_ns = 0  # of the latest image that was tracked
         self._frames, self._leveling = frames, Leveling(frames, imu)
@@ -129,6 +131,7 @@ class SlamSession:
         self.map.has_changed |= result.is_keyframe or is_turned
         if result.is_keyframe:
             self._late.expect_verdict()
+            self.focal_length.add_newest(self.map.atlas)
         status = self._status(result.state, result)
         return Processed(status, tracked.pose, self._image(result, is_in_main_map=is_in_main_map))
 

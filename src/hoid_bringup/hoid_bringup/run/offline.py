@@ -179,6 +179,8 @@ class OfflinePipeline:
         session, scene = self._session, self._scene
         session.map.finish()
         session.close()
+        if session.focal_length.problem:
+            _LOG.warning('%s', session.focal_length.problem)
         scene.correct(session.map.keyframes(), force=True)
         cloud = scene.cloud() if len(scene.dense) else None
         grid = scene.grid(cloud) if cloud is not None else None

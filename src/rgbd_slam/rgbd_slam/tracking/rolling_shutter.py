@@ -126,7 +126,7 @@ class RollingShutter:
         x = to_camera(se3.inverse(tracked.T_map_camera), position_m.T)
         measured = tracked.frame.measurement_px.take(k, 0).T.astype(np.float64)
         scale = atlas.octave_scale[tracked.frame.octave[k]]
-        by_pose, residual = _linearized(camera, x, measured, scale)
+        by_pose, residual = linearized(camera, x, measured, scale)
         by_twist = (view.twist @ by_pose.reshape(6, -1)).reshape(3, -1)
         by_time = self._rows(measured) * by_twist
         information, weighted_s = _marginal_of_time(by_pose, by_time, residual)
@@ -167,8 +167,8 @@ class RollingShutter:
         x = to_camera(T_second_first, position_m.T)
         np.maximum(x[2], MIN_DEPTH_M, out=x[2])
         measured = after.measurement_px[k_second].T.astype(np.float64)
-        linearized = _linearized(camera, x, measured, scale[after.octave[k_second]])
-        by_pose, residual = (value / _OF_PAIR for value in linearized)
+        found = linearized(camera, x, measured, scale[after.octave[k_second]])
+        by_pose, residual = (value / _OF_PAIR for value in found)
         twists = np.stack([second.twist, se3.adjoint(T_second_first) @ first.twist])
         by_twist = (twists @ by_pose.reshape(6, -1)).reshape(2, 3, -1)
         by_time = self._rows(measured) * by_twist[0] - self._rows(before_px.T) * by_twist[1]
@@ -216,7 +216,7 @@ def _common(first: MovingView, second: MovingView) -> tuple[IntArray, IntArray]:
     return k_first[at_first[::every]], k_second[at_second[::every]]
 
 
-def _linearized(
+def linearized(
     camera: StereoCamera, x: FloatArray, measured_px: FloatArray, scale: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the derivatives (6, 3, N) and residuals (3, N) of u, v and disparity of points.
@@ -255,10 +255,18 @@ def _marginal_of_time(
     marginalized out by the Schur complement, with robust weights (Cauchy). Both results are 0 if
     the pose is not determined.
     """
-    weight = 1 / (1 + np.square(residual / _CAUCHY_SCALE))
-    columns = np.concatenate([by_pose, by_time[None], residual[None]]).reshape(8, -1)
-    normal = (columns * weight.ravel()) @ columns.T
+    normal = normal_matrix(by_pose, by_time, residual)
     if np.linalg.matrix_rank(normal[:6, :6]) < 6:
         return 0.0, 0.0
     left = normal[6:, 6:] - normal[6:, :6] @ np.linalg.solve(normal[:6, :6], normal[:6, 6:])
     return float(left[0, 0]), float(left[0, 1])
+
+
+def normal_matrix(by_pose: FloatArray, by_more: FloatArray, residual: FloatArray) -> FloatArray:
+    """Return the (8, 8) normal matrix of six parameters, one more, and the residuals (3, N).
+
+    The derivatives are those of `linearized`; the weights are robust (Cauchy).
+    """
+    weight = 1 / (1 + np.square(residual / _CAUCHY_SCALE))
+    columns = np.concatenate([by_pose, by_more[None], residual[None]]).reshape(8, -1)
+    return np.asarray((columns * weight.ravel()) @ columns.T)
