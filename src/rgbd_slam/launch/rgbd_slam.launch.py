@@ -1,8 +1,8 @@
-"""The SLAM node alone.
+"""Launches the SLAM node alone.
 
 ./hoid env ros2 launch rgbd_slam rgbd_slam.launch.py base_frame:=base_link
 
-hoid_bringup's hoid.launch.py explains how discovery is kept to one computer.
+See hoid.launch.py of hoid_bringup for the limitation of discovery to one computer.
 """
 
 from __future__ import annotations

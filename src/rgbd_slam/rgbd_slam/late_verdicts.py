@@ -1,4 +1,4 @@
-"""Assigns feature verdicts to their images: most arrive after the features, some before."""
+"""Assignment of feature verdicts to images: most arrive after the features, some before."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from hoid_common.values import Features, FeatureVerdicts
 
 T = TypeVar('T')
 
-# Chosen: at 30 Hz two seconds of images, while a detector is late by 20 to 500 ms (decision 031).
+# Chosen: two seconds of images at 30 Hz, while a detector is late by 20 to 500 ms (decision 031).
 _MAX_WAITING = 60  # number of keyframes without a verdict, and of verdicts without an image
 
 
 class LateVerdicts:
-    """Remembers the latest keyframes without a verdict, and verdicts that precede their image."""
+    """Stores the latest keyframes without a verdict, and verdicts that came before their image."""
 
     def __init__(self) -> None:
         self._keyframes: OrderedDict[int, int] = OrderedDict()  # stamp: number of features
         self._early: OrderedDict[int, FeatureVerdicts] = OrderedDict()  # by stamp
-        self._newest_ns = self._num_newest = 0  # stamp and number of features of the last image
+        self._newest_ns = self._num_newest = 0  # stamp and number of features of the newest image
 
     def filtered(self, features: Features) -> Features:
         """Return the features of the next image that no early verdict calls dynamic."""
@@ -31,14 +31,14 @@ class LateVerdicts:
         return features
 
     def expect_verdict(self) -> None:
-        """Remember that the latest image became a keyframe, on which a verdict may follow."""
+        """Store that the newest image became a keyframe, for which a verdict may follow."""
         _put(self._keyframes, self._newest_ns, self._num_newest)
 
     def changes_keyframe(self, verdicts: FeatureVerdicts) -> bool:
-        """Return whether verdicts are the first on a keyframe and call features of it dynamic.
+        """Return whether these are a keyframe's first verdicts, and some features are dynamic.
 
-        Verdicts on an image that has not arrived yet are stored for `filtered`. Raises
-        MessageError if the keyframe has another number of features.
+        Verdicts on an image that has not arrived yet are stored for `filtered`. MessageError if
+        the keyframe has another number of features.
         """
         stamp_ns, num = verdicts.stamp_ns, len(verdicts.is_dynamic)
         if stamp_ns > self._newest_ns:

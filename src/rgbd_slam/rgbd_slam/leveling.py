@@ -1,4 +1,4 @@
-"""Makes the map frame level by gravity, while the direction of gravity becomes better known."""
+"""Leveling of the map frame by gravity, whose direction becomes more accurate with time."""
 
 from __future__ import annotations
 
@@ -11,33 +11,33 @@ from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.robot_frames import RobotFrames
 from rgbd_slam.tracking.tracking_result import TrackingResult
 
-# Chosen: standard deviation above which a measured direction of gravity is not used. It is far
+# Chosen: a measured direction of gravity with a larger standard deviation is not used. It is far
 # below the 20 degrees within which floors are found.
 _MAX_SIGMA_RAD = np.deg2rad(3.0)
-# Chosen: below this standard deviation, or this time after the first usable measurement, the map
-# frame is not turned any more, so that goals and saved places stay valid.
+# Chosen: the map frame is not turned any more once the standard deviation is below this, or this
+# time after the first usable measurement, so that goals and saved places stay valid.
 _LEVEL_SIGMA_RAD, _LEVEL_AFTER_NS = np.deg2rad(0.5), 30 * NS_PER_S
 
 
 class Leveling:
     """Turns the map frame with each new measurement of gravity, so that its z axis points up.
 
-    If the first trial of the accelerometer fails, the map frame of the start is restored. The
-    frame is kept once gravity is known well, or 30 s after the first usable measurement.
+    If the first trial of the accelerometer fails, the initial map frame is restored. The frame
+    stays fixed once gravity is accurate, or 30 s after the first usable measurement.
     """
 
     def __init__(self, frames: RobotFrames, imu: Imu | None) -> None:
         self._frames, self._imu = frames, imu
         self._last: Gravity | None = None
-        # (3,) z axis of the map frame at the start, in the core's map frame; None unless an
-        # untried accelerometer has turned the map frame.
+        # (3,) z axis of the initial map frame, in the first camera's frame; None unless an
+        # accelerometer that is not tried yet has turned the map frame.
         self._up_untried: FloatArray | None = None
         self._first_ns: int | None = None
 
     def update(self, result: TrackingResult, *, is_in_main_map: bool) -> bool:
-        """Turn the map frame if gravity was measured at an image; return whether it was turned.
+        """Turn the map frame if gravity was measured at this image; return whether it was turned.
 
-        Nothing is turned outside the main map. Once it is fixed, the IMU stops measuring gravity.
+        Only the main map is leveled. Once its frame is fixed, the IMU stops measuring gravity.
         """
         imu, frames = self._imu, self._frames
         if imu is None:
@@ -72,7 +72,7 @@ class Leveling:
         return turned_rad > 0
 
     def _restore_start(self) -> bool:
-        """Turn the map frame back unless a trial of the accelerometer has succeeded before."""
+        """Restore the initial map frame, unless a trial of the accelerometer has succeeded."""
         if self._up_untried is None:
             return False
         up, self._up_untried, self._first_ns = self._up_untried, None, None

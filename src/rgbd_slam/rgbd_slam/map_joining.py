@@ -1,4 +1,4 @@
-"""Joins saved maps of several days or robots into one, where they show the same places."""
+"""Joining of saved maps of several days or robots that show the same places."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ from rgbd_slam.model.loop_edge import renumbered
 from rgbd_slam.model.map_state import restore, snapshot
 from rgbd_slam.store.map_file import MapFile
 
-# Chosen: every tenth keyframe of a joined map is matched with the other maps as well. These loops
+# Chosen: every tenth keyframe of a joined map is also matched with the other maps. These loops
 # show how well the maps agree, and correct their poses.
 _LINK_EVERY = 10
 
 
 class MapJoin(NamedTuple):
-    """The result for one saved map: the maps that it was joined with, and the evidence."""
+    """The result for one saved map: with which maps it was joined, and the evidence."""
 
-    # Numbers of the saved maps that are in one map with it now, possibly by way of a third one.
+    # Numbers of the saved maps that are now in one map with it, maybe joined by a third one.
     joined_with: tuple[int, ...]
-    fits: tuple[MapFit, ...]  # with each other map that its keyframes match, joined or not
-    links: tuple[Join, ...]  # further loops to other maps, closed after it was joined
+    fits: tuple[MapFit, ...]  # fits with each other map that its keyframes match, joined or not
+    links: tuple[Join, ...]  # further loops to other maps that were closed after it was joined
 
     @property
     def is_joined(self) -> bool:
@@ -38,7 +38,7 @@ class MapJoin(NamedTuple):
 
     @property
     def disagreement_m(self) -> float | None:
-        """Return the median distance [m] by which the links moved a keyframe; None without any."""
+        """Return the median distance (m) by which links moved a keyframe; None without links."""
         distances = [link.correction[0] for link in self.links if link.correction is not None]
         return float(np.median(distances)) if distances else None
 
@@ -48,7 +48,7 @@ class JoinedMaps(NamedTuple):
 
     content: MapFile  # maps that were not joined are separate maps in it
     joins: tuple[MapJoin, ...]  # one for each map except the first
-    # For each saved map, the (K,) uids in `content` of its keyframes, which keep their order.
+    # By saved map: (K,) uids of its keyframes in `content`, in the same order.
     uids: tuple[IntArray, ...]
 
 
@@ -61,14 +61,14 @@ def join_maps(
 ) -> JoinedMaps:
     """Join saved maps; the result is in the map frame of the first one.
 
-    Two maps are joined if several keyframes of one match the other consistently, and if most of
-    the map points expected there are found (`MapFit.doubt`).
+    Two maps are joined if several keyframes of one match the other consistently, and most of the
+    map points expected there are found (`MapFit.doubt`).
 
     Args:
         contents: At least two maps; their cameras may differ.
         same: Pairs of maps, by number, that are known to show the same places, so that they are
             joined by a single match.
-        apart: Pairs of maps, by number, that are never joined.
+        apart: Pairs of maps, by number, that must not be joined.
 
     Raises:
         MapFileError: The maps differ in the number or the scale of the octaves of their features.
@@ -78,7 +78,7 @@ def join_maps(
     camera = StereoCamera.from_model(first.camera, config.camera)
     atlas = Atlas(*octaves)
     rows: list[IntArray] = []
-    # The first map is loaded last: of two joined maps, the one that was loaded later keeps its
+    # The first map is loaded last, because of two joined maps the one loaded later keeps its
     # frame.
     for content in reversed(contents):
         seen = content.seen_by(first.camera, *octaves, extend=False)
@@ -95,7 +95,7 @@ def join_maps(
 
 
 def without_loop(content: MapFile, number: int, config: SlamConfig) -> MapFile:
-    """Return a saved map without the loop or join `content.loops[number]`, adjusted again."""
+    """Return a saved map, adjusted again, without the loop or join `content.loops[number]`."""
     loops = content.loops_by_row
     if not 0 <= number < len(loops):
         raise ConfigError(f'no loop {number}: the map has {len(loops)}, numbered from 0')
@@ -109,7 +109,7 @@ def without_loop(content: MapFile, number: int, config: SlamConfig) -> MapFile:
 
 
 class _Joiner:
-    """Joins saved maps, numbered `n` and `m`, whose keyframes are in given rows of one atlas."""
+    """Joins saved maps, numbered `n` and `m`, whose keyframes are in one atlas."""
 
     def __init__(
         self,
@@ -124,7 +124,7 @@ class _Joiner:
         self._same, self._apart = same, apart
 
     def join(self, n: int) -> tuple[tuple[MapFit, ...], tuple[Join, ...]]:
-        """Join map `n` with all others that it fits; return its fits and links (`MapJoin`)."""
+        """Join map `n` with all maps that it fits; return its fits and links (see `MapJoin`)."""
         own, joined = self._rows[n], self.joined(n)
         numbers = range(len(self._rows))
         excluded = [m for m in numbers if m in joined or self._is_forbidden(n, m)]
@@ -144,22 +144,22 @@ class _Joiner:
         return tuple(fits), tuple(links)
 
     def joined(self, n: int) -> set[int]:
-        """Return the numbers of the saved maps that are in one map with map `n`, `n` included."""
+        """Return the numbers of the saved maps that are in one map with map `n`, including `n`."""
         return self._within(self._map_id[self._rows[n]])
 
     def _within(self, map_ids: IntArray) -> set[int]:
-        """Return the numbers of the saved maps with keyframes in any map of the ids (N,)."""
+        """Return the numbers of the saved maps with keyframes in the maps with these ids (N,)."""
         return {
             m for m, rows in enumerate(self._rows) if np.isin(self._map_id[rows], map_ids).any()
         }
 
     def _is_forbidden(self, n: int, m: int) -> bool:
-        """Return whether joining maps `n` and `m` would join two maps that must stay apart."""
+        """Return whether a join of maps `n` and `m` would join two maps that must stay apart."""
         both = self.joined(n) | self.joined(m)
         return any(both.issuperset(pair) for pair in self._apart)
 
     def _links(self, own: IntArray) -> Iterator[Join]:
-        """Close loops at every tenth of the keyframes (K,) in one map; yield loops to others."""
+        """Close loops at every tenth of the keyframes (K,) of a map; yield those to other maps."""
         uids = set(self._atlas.keyframes.uid[own].tolist())
         for i in own[::_LINK_EVERY].tolist():
             place = self._closer.detector.detect(

@@ -1,4 +1,4 @@
-"""The SLAM node: features in; odometry, transforms, path and map out."""
+"""The SLAM node: receives features; publishes odometry, transforms, path and map."""
 
 from __future__ import annotations
 
@@ -27,18 +27,18 @@ from rgbd_slam.ros.session_lifecycle import SessionLifecycle, exiting_without_ma
 from rgbd_slam.ros.tracking_log import TrackingLog
 from rgbd_slam.session import SlamSession
 
-# Sections of parameters that this node had until version 0.3, and the node that has them now.
+# By section of parameters that this node had until version 0.3: the node that has it now.
 _MOVED = dict.fromkeys(('dense', 'objects', 'object_map', 'navigation'), 'hoid_scene')
 
 
 class RgbdSlamNode(ManagedNode):
-    """Feeds a `SlamSession` from topics and publishes its results."""
+    """Passes messages to a `SlamSession`, and publishes its results."""
 
     def __init__(self) -> None:
         super().__init__('rgbd_slam')
         self._settings = Parameters(self, SlamNodeConfig(), self._reconfigure, moved=_MOVED)
         config = self._settings.config
-        running = owned_map(self, config)  # raises before anything is started
+        running = owned_map(self, config)  # raises an error before anything is started
         static = StaticFrameListener(self, self.diagnostics)
         wheels: WheelOdometry | None = None
         if not config.frames.publish_odom_to_base:

@@ -1,1 +1,1 @@
-"""Parameters of every stage as frozen dataclasses: the only place of their defaults."""
+"""Parameters of every stage as frozen dataclasses; defaults are set only here."""

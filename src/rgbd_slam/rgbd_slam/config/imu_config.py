@@ -1,4 +1,4 @@
-"""Parameters of an IMU, which is used if there is one."""
+"""Parameters of an IMU, which is used if IMU messages arrive."""
 
 from __future__ import annotations
 

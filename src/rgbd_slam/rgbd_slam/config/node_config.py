@@ -1,4 +1,4 @@
-"""Parameters of the SLAM node: the core and the frames."""
+"""Parameters of the SLAM node: those of SLAM itself, frames and files."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class FrameConfig(Config):
 
 @dataclass(frozen=True)
 class SlamNodeConfig(NodeConfig, SlamConfig):
-    """All parameters of the node. Those of the core (`SlamConfig`) have the same names here."""
+    """All parameters of the node. Those of `SlamConfig` keep their names."""
 
     map_directory: str = param(
         '~/.ros/hoid',

@@ -1,1 +1,1 @@
-"""An IMU: samples, calibration against the tracked motion, gravity and faults."""
+"""The IMU: samples, calibration by the tracked motion, gravity, and detection of faults."""

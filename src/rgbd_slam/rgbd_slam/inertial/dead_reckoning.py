@@ -4,10 +4,10 @@ Between the last tracked image (time 0) and a time t, the position p in the fram
 
     p(t) = p0 + v0 t - 0.5 g t^2 + S(t),
 
-where S is the double integral of the measured specific force, turned into this frame by the gyro,
+where S is the double integral of the measured specific force, rotated into this frame by the gyro,
 and g is gravity upwards (the preintegration of Forster et al., T-RO 2017). The same equation holds
 for the tracked images of the last second, at t < 0. They determine p0, v0 and g by linear least
-squares. The tilt of g and a constant bias of the accelerometer thus hardly matter.
+squares, so that a tilt of g and a constant bias of the accelerometer hardly matter.
 """
 
 from __future__ import annotations
@@ -21,27 +21,31 @@ from hoid_common.values import NS_PER_S, FloatArray
 from rgbd_slam.inertial.gravity import GRAVITY_MPS2
 from rgbd_slam.inertial.rotations import cauchy_weights, rotation_vector
 
-# Chosen: time before the last tracked image whose positions are used. With 1 s, the errors of
-# 1 s of dead reckoning grow by a third, with 0.6 s they double.
+# Chosen: tracked positions of this time before the last tracked image are used. With 1 s, the
+# error after 1 s of dead reckoning grows by a third; with 0.6 s it doubles.
 _WINDOW_S = 1.5
 WINDOW_NS = round(_WINDOW_S * NS_PER_S)
 _MIN_IMAGES, _MIN_WINDOW_S = 8, 0.3  # chosen: fewer positions do not determine the velocity
-# Chosen: a trial predicts tracked positions over 1 s. Up to five trials begin at images 0.5 s
-# apart; the accelerometer is used after three trials, that is, 2.3 s of tracked images.
+# Chosen: a trial predicts positions that were tracked over 1 s. Up to five trials start at images
+# 0.5 s apart. The accelerometer is used after three trials, that is, 2.3 s of tracked images.
 _TRIAL_S, _TRIAL_STEP_S, _NUM_TRIALS, _MIN_TRIALS = 1.0, 0.5, 5, 3
-TRIED_NS = 9 * NS_PER_S // 2  # chosen: time of the trials and of the positions before them
+TRIED_NS = 9 * NS_PER_S // 2  # chosen: duration of the trials and of the positions before them
 _LEAST_M = 0.002  # chosen: smallest standard deviation of a tracked position
-_CORRELATED = 4.0  # chosen: factor of the variance, as errors of tracking last for some images
+# Chosen: factor on the variance, because tracking errors of successive images are correlated.
+_CORRELATED = 4.0
 _ROUNDS = 3  # rounds of robust weighting; not tuned
-_CAUCHY = 2.0  # chosen: positions with residuals of this multiple of the median weigh half
-_MEDIAN_LENGTH = 1.54  # of a vector of three normally distributed numbers with the variance 1
-_MAX_LENGTH_ERROR_MPS2 = 0.5  # chosen: of gravity's length; cheap accelerometers are off by 0.2
-_NUM_SIGMAS = 3.0  # chosen: largest difference of gravity from the measured one
-# Chosen: errors that a turn by one radian adds: of the acceleration [m/s^2], because bias and
-# mounting error turn with the camera, and of the position [m], because the accelerometer is not at
-# its center.
+_CAUCHY = 2.0  # chosen: a position with this multiple of the median residual has half the weight
+# Median length of a vector of three normally distributed numbers with variance 1.
+_MEDIAN_LENGTH = 1.54
+# Chosen: limit for the estimated length of gravity; cheap accelerometers are off by 0.2.
+_MAX_LENGTH_ERROR_MPS2 = 0.5
+# Chosen: largest difference of the estimated gravity from the measured one, in sigmas.
+_NUM_SIGMAS = 3.0
+# Chosen: errors per radian of rotation: of the acceleration (m/s^2), because bias and mounting
+# error turn with the camera; of the position (m), because the accelerometer is not at the camera's
+# center.
 _TURNED_MPS2, _LEVER_M = 0.1, 0.03
-_NOISE_MPS15 = 0.01  # chosen: ten times the density of a cheap accelerometer [m/s^1.5]
+_NOISE_MPS15 = 0.01  # chosen: noise density (m/s^1.5), ten times that of a cheap accelerometer
 
 
 class Reckoned(NamedTuple):
@@ -53,18 +57,18 @@ class Reckoned(NamedTuple):
 
 
 class Path(NamedTuple):
-    """The camera at N times, of which the first K were tracked; all vectors in one frame."""
+    """The camera at N times, with tracked positions at the first K; all vectors in one frame."""
 
     times_s: FloatArray  # (N,)
     positions_m: FloatArray  # (K, 3)
-    R: FloatArray  # (N, 3, 3) rotation of the IMU since the first time; only its angle counts
-    velocity_mps: FloatArray  # (N, 3) integral of the specific force
-    moved_m: FloatArray  # (N, 3) double integral of the specific force
+    R: FloatArray  # (N, 3, 3) rotation of the IMU since the first time; only its angle is used
+    velocity_mps: FloatArray  # (N, 3) integral of the specific force from the first time on
+    moved_m: FloatArray  # (N, 3) double integral of the specific force from the first time on
     up: FloatArray  # (3,) measured direction opposite to gravity
     up_sigma_rad: float
 
     def trial_error(self) -> float | None:
-        """Return the RMS error of predicted tracked positions, in standard deviations.
+        """Return the RMS error of dead reckoning in trials on tracked positions, in sigmas.
 
         It is None if there are too few trials, and infinite if tracked positions contradict
         gravity.
@@ -85,9 +89,9 @@ class Path(NamedTuple):
         return float(np.sqrt(np.mean(squares))) if len(squares) >= _MIN_TRIALS else None
 
     def reckoned(self, origin: int, later: slice, scale: float = 1.0) -> Reckoned | None:
-        """Predict the positions of the frames `later` from the tracked ones up to `origin`.
+        """Predict the positions of the frames `later` from the tracked ones up to frame `origin`.
 
-        Return None if too few frames precede. The variances are multiplied by `scale`.
+        None if there are too few tracked frames before. The variances are multiplied by `scale`.
         """
         if not self._is_enough(origin):
             return None
@@ -118,13 +122,13 @@ class Path(NamedTuple):
         return bool(is_long and origin + 1 - first >= _MIN_IMAGES)
 
     def _moved(self, origin: int, part: slice) -> tuple[FloatArray, FloatArray]:
-        """Return the times (M,) since frame `origin`, and the double integrals (M, 3) from it."""
+        """Return times (M,) in s and double integrals of force (M, 3), from frame `origin` on."""
         elapsed_s = self.times_s[part] - self.times_s[origin]
         moved_m = self.moved_m[part] - self.moved_m[origin]
         return elapsed_s, moved_m - elapsed_s[:, None] * self.velocity_mps[origin]
 
     def _fit(self, origin: int, before: slice) -> tuple[FloatArray, FloatArray] | None:
-        """Return the rows position, velocity, gravity (3, 3), and the rows' covariance (3, 3)."""
+        """Return position, velocity, gravity as rows (3, 3), and the rows' covariance (3, 3)."""
         times_s, moved_m = self._moved(origin, before)
         positions_m = self.positions_m[before] - moved_m
         rows = np.vander(times_s, 3, increasing=True) * [1.0, 1.0, -0.5]

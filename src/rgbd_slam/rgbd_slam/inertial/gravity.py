@@ -6,9 +6,9 @@ acceleration, weighted by the triangle that is 0 at t0 and t2 and 1 at t1:
     (p2 - p1) / (t2 - t1) - (p1 - p0) / (t1 - t0) = integral of weight * acceleration.
 
 The measured specific force, rotated by the tracked rotations, is this acceleration plus gravity
-upwards. No second derivative of noisy positions is needed (compare the preintegration of Forster
-et al., T-RO 2017). The equation is linear in the rotation between camera and IMU, in the bias of
-the accelerometer and in gravity, so that each triple is stored once, as a tensor.
+upwards, so that noisy positions are not differentiated twice (compare the preintegration of
+Forster et al., T-RO 2017). The equation is linear in the rotation between camera and IMU, in the
+bias of the accelerometer and in gravity. Each triple is therefore stored once, as a tensor.
 """
 
 from __future__ import annotations
@@ -31,46 +31,48 @@ from rgbd_slam.inertial.sample_buffer import SampleBuffer
 from rgbd_slam.inertial.tracked_motion import TrackedMotion, TrackedPoses
 
 GRAVITY_MPS2 = 9.81  # within 0.3 % everywhere at sea level
-_HALF_NS = NS_PER_S // 4  # chosen: time between successive images of a triple
-_EPOCH_NS = NS_PER_S // 10  # chosen: time between the centers of successive triples
-_MAX_TRIPLES = 300  # chosen: of 30 s, in which the tracked rotation drifts by about 1 degree
-_MAX_STEP_NS = NS_PER_S // 5  # chosen: the rotation is interpolated over shorter steps only
-# Chosen: least number of triples for a direction, which takes somewhat more than a second, and
-# least number of samples of a triple.
+_HALF_NS = NS_PER_S // 4  # chosen: time between the images of a triple
+_EPOCH_NS = NS_PER_S // 10  # chosen: time between the middle images of successive triples
+# Chosen: the triples of 30 s, in which the tracked rotation drifts by about 1 degree.
+_MAX_TRIPLES = 300
+_MAX_STEP_NS = NS_PER_S // 5  # chosen: tracked rotations are not interpolated over a longer gap
+# Chosen: least number of triples for a direction of gravity, which take somewhat more than a
+# second, and least number of samples in a triple.
 _MIN_EPOCHS = 10
 _ROUNDS = 4  # Gauss-Newton converges in two or three from a start within 30 degrees; not tuned
-# Chosen: standard deviations of the acceleration of one triple of images, of the length of gravity
-# (the scale of cheap sensors is off by 2 %), and of the bias of an accelerometer that its driver
-# has calibrated. With 0.3 instead of the last number, the estimated bias takes up errors of the
-# tracked rotation: the error after 6 s of fr1_xyz is then 3.9 instead of 1.5 degrees.
+# Chosen: standard deviations of the acceleration in one triple, of the length of gravity (the
+# scale of cheap sensors is off by 2 %), and of the bias of an accelerometer that its driver has
+# calibrated. With 0.3 for the bias, its estimate absorbs errors of the tracked rotation: the error
+# after 6 s of fr1_xyz is then 3.9 instead of 1.5 degrees.
 _TRIPLE_MPS2, _LENGTH_MPS2, _BIAS_MPS2 = 0.15, 0.2, 0.1
 _MAX_ROTATION_SIGMA_RAD = np.deg2rad(12.0)  # chosen: far below the 90 degrees between axes
-# Chosen: the scale of a cheap accelerometer is off by up to 0.2 m/s^2 at the length of gravity; an
-# accelerometer in another unit is off by more than this limit.
+# Chosen: largest error of the length of gravity. Cheap accelerometers are off by up to 0.2 m/s^2;
+# one that measures in another unit is off by more than this limit.
 _MAX_LENGTH_ERROR_MPS2 = 1.0
-_MEDIAN_LENGTH = 1.54  # of a vector of three normally distributed numbers with the variance 1
-# Chosen: triples with residuals of this multiple of the median, and at least of this size, weigh
-# half.
+# Median length of a vector of three normally distributed numbers with variance 1.
+_MEDIAN_LENGTH = 1.54
+# Chosen: a triple whose residual is this multiple of the median, or at least this size, has half
+# the weight.
 _CAUCHY, _LEAST_MPS2 = 2.0, 1e-3
 
 
 class Gravity(NamedTuple):
-    """Gravity at an image, and the mounting and bias of the accelerometer."""
+    """Direction of gravity at an image, and mounting and bias of the accelerometer."""
 
     stamp_ns: int
     up_camera: FloatArray  # (3,) unit vector opposite to gravity
-    sigma_rad: float  # standard deviation of its direction
+    sigma_rad: float  # standard deviation of the direction
     R_camera_imu: FloatArray  # (3, 3)
     rotation_sigma_rad: float  # largest standard deviation about any axis
     bias_mps2: FloatArray  # (3,) along the axes of the camera
 
 
 class _Triple(NamedTuple):
-    """The equation of three images; see the docstring of this module."""
+    """The equation of a triple of images, in the chain's frame (see the module's docstring)."""
 
-    force: FloatArray  # (3, 9) maps the elements of R_camera_imu to the mean force in the chain
-    mean_rotation: FloatArray  # (3, 3) maps a bias in the camera frame to the chain
-    acceleration_mps2: FloatArray  # (3,) by the tracked positions, in the chain
+    force: FloatArray  # (3, 9) maps the elements of R_camera_imu to the mean specific force
+    mean_rotation: FloatArray  # (3, 3) maps a bias in the camera frame to the chain's frame
+    acceleration_mps2: FloatArray  # (3,) from the tracked positions
 
 
 class GravityEstimator:
@@ -79,11 +81,12 @@ class GravityEstimator:
     def __init__(self, motion: TrackedMotion) -> None:
         self._motion = motion
         self._triples: deque[_Triple] = deque(maxlen=_MAX_TRIPLES)
-        self._chain_ns: int | None = None  # stamp of the start of the chain of the triples
-        self._center_ns = 0  # center of the last triple that was tried
+        # Stamp of the first image of the chain to which the triples belong.
+        self._chain_ns: int | None = None
+        self._center_ns = 0  # stamp in the middle of the last triple that was tried
 
     def measure(self, accelerometer: SampleBuffer, offset_ns: int) -> None:
-        """Store the equations of the triples of images since the last call."""
+        """Store the equations of the triples of images that were tracked since the last call."""
         if self._chain_ns != self._motion.chain_ns:
             self._chain_ns = self._center_ns = self._motion.chain_ns
             self._triples.clear()
@@ -92,7 +95,7 @@ class GravityEstimator:
         if newest_ns is None or not len(poses.stamps_ns):
             return
         end_ns = min(int(poses.stamps_ns[-1]), newest_ns - offset_ns) - _HALF_NS
-        # After a step of the clock, the time between two images may be years.
+        # After a clock was set, the time between two images may be years.
         self._center_ns = max(self._center_ns, end_ns - _MAX_TRIPLES * _EPOCH_NS)
         while self._center_ns + _EPOCH_NS <= end_ns:
             self._center_ns += _EPOCH_NS
@@ -101,11 +104,11 @@ class GravityEstimator:
                 self._triples.append(triple)
 
     def fit(self, mounting: Mounting | None) -> Gravity | None:
-        """Return gravity by all stored triples of images; None if it is not determined.
+        """Return gravity from all stored triples of images; None if they do not determine it.
 
-        There must be 10 triples, the rotation of the IMU must be given or known to 12 degrees, and
-        the length of gravity must be right within 1 m/s^2. Standard deviations grow with the
-        residuals, so that an accelerometer that contradicts the tracked motion determines nothing.
+        This needs 10 triples, a rotation of the IMU that is given or known to 12 degrees, and a
+        length of gravity that is right within 1 m/s^2. Standard deviations grow with the
+        residuals, so that they are large if the accelerometer contradicts the tracked motion.
 
         Args:
             mounting: Its rotation, a prior with its standard deviation, is refined. If None, the
@@ -131,7 +134,7 @@ class GravityEstimator:
 def _triple(
     poses: TrackedPoses, accelerometer: SampleBuffer, offset_ns: int, center_ns: int
 ) -> _Triple | None:
-    """Return the equation of the images nearest to a time, to 0.25 s before and 0.25 s after."""
+    """Return the equation of the images nearest to a time, and 0.25 s before and after it."""
     wanted_ns = center_ns + _HALF_NS * np.array([-1, 0, 1])
     i0, i1, i2 = np.abs(poses.stamps_ns[:, None] - wanted_ns).argmin(axis=0).tolist()
     stamps_ns = poses.stamps_ns[i0 : i2 + 1]
@@ -158,7 +161,7 @@ def _triple(
 
 
 def _rotations_at(times_s: FloatArray, known_s: FloatArray, R_known: FloatArray) -> FloatArray:
-    """Return rotations (N, 3, 3) between known ones (K, 3, 3), interpolated by constant rates."""
+    """Return rotations (N, 3, 3) interpolated between known ones (K, 3, 3) at constant rates."""
     steps = rotation_vector(R_known[:-1].swapaxes(1, 2) @ R_known[1:])
     i = np.clip(np.searchsorted(known_s, times_s, side='right') - 1, 0, len(steps) - 1)
     share = (times_s - known_s[i]) / (known_s[i + 1] - known_s[i])
@@ -166,10 +169,10 @@ def _rotations_at(times_s: FloatArray, known_s: FloatArray, R_known: FloatArray)
 
 
 def _linear_rotation(equations: _Triple) -> FloatArray:
-    """Return the R_camera_imu (3, 3) that fits best if its nine elements are free."""
+    """Return the rotation R_camera_imu (3, 3) nearest to the best-fitting 3x3 matrix."""
     force, _, acceleration = equations
     rows = np.concatenate([force, np.tile(-np.eye(3), (len(force), 1, 1))], axis=2).reshape(-1, 12)
-    # Chosen: a weak prior of zero, so that a direction without acceleration gives no huge element.
+    # Chosen: a weak prior of zero, so that elements without evidence do not become huge.
     prior = np.diag([_TRIPLE_MPS2] * 9 + [0.0] * 3)
     rhs = np.append(acceleration.ravel(), np.zeros(12))
     found = np.linalg.lstsq(np.vstack([rows, prior]), rhs, rcond=None)[0]
@@ -177,10 +180,10 @@ def _linear_rotation(equations: _Triple) -> FloatArray:
 
 
 def _solve(equations: _Triple, R: FloatArray, rotation_sigma_rad: float) -> Gravity:
-    """Return the least-squares solution by Gauss-Newton, with priors of bias and gravity's length.
+    """Return the least-squares solution (Gauss-Newton) with priors of bias and gravity's length.
 
-    `up_camera` of the result is gravity upwards [m/s^2], in the chain. The start R (3, 3) of
-    R_camera_imu is a prior with the given standard deviation about each axis.
+    `up_camera` of the result is gravity upwards (m/s^2) in the chain's frame. R (3, 3), an initial
+    value of R_camera_imu, is a prior with the given standard deviation about each axis.
     """
     (force, turned, acceleration), R_given = equations, R
     minus_one, bias = np.tile(-np.eye(3), (len(force), 1, 1)), np.zeros(3)

@@ -1,4 +1,4 @@
-"""Calibration of a gyro against the tracked rotation: time offset, mounting and bias."""
+"""Calibration of a gyro by the tracked rotation: time offset, mounting and bias."""
 
 from __future__ import annotations
 
@@ -12,46 +12,49 @@ from rgbd_slam.inertial.sample_buffer import GAP_NS, SampleBuffer
 from rgbd_slam.inertial.tracked_motion import TrackedMotion
 
 MAX_OFFSET_S = 0.1  # chosen: more than the offset of any camera with an IMU
-# Chosen: step [s] and number of steps to each side of the searches for the time offset, among all
-# offsets and near the one that was found last.
+# Chosen: step (s), and number of steps to each side, of the search for the time offset: among all
+# offsets, and near the last result.
 _COARSE, _FINE = (0.01, 10), (0.0025, 2)
-_WINDOW_NS = 20 * NS_PER_S  # chosen: tracked rotations that are compared with the gyro
-_MAX_STEP_NS = NS_PER_S // 5  # chosen: a longer step between tracked images is not compared
+_WINDOW_NS = 20 * NS_PER_S  # chosen: tracked rotations of this duration are compared with the gyro
+_MAX_STEP_NS = NS_PER_S // 5  # chosen: longer steps between tracked images are not compared
 _MIN_STEPS = 20  # chosen: fewer tracked rotations determine no calibration
-_ROUNDS, _NEAR_ROUNDS = 3, 2  # chosen: fine searches, each with the weights of the previous one
-_CAUCHY = 1.5  # chosen: residuals of this multiple of the median have the weight 0.5
+# Chosen: numbers of fine searches, each with the weights from the previous one.
+_ROUNDS, _NEAR_ROUNDS = 3, 2
+_CAUCHY = 1.5  # chosen: residuals of this multiple of the median get half the weight
 _LEAST_RAD = 1e-4  # chosen: far below the errors of tracked rotations, so that no weight is 0 / 0
-_LEAST_WEIGHT = 0.12  # chosen: residuals beyond four times the median are not used for the bias
-_BLOCK_STEPS = 15  # chosen: half a second, over which errors of tracking are correlated
-# Chosen: smallest standard deviation that is given to an estimated bias, and the standard
-# deviation of the bias before it is estimated. 0.02 rad/s is the zero-rate error of common MEMS
-# gyros at room temperature (Bosch BMI055: 1 deg/s).
+_LEAST_WEIGHT = 0.12  # chosen: residuals above four times the median are not used for the bias
+# Chosen: number of steps in half a second, in which tracking errors are correlated.
+_BLOCK_STEPS = 15
+# Chosen: least standard deviation of an estimated bias, and standard deviation of a bias that is
+# not estimated yet. 0.02 rad/s is the zero-rate error of common MEMS gyros at room temperature
+# (Bosch BMI055: 1 deg/s).
 _MIN_BIAS_RADPS, UNKNOWN_BIAS_RADPS = 5e-4, 0.02
-# Chosen: the axes count as mirrored only if the sum of squared rotations about the axis that turns
-# least is more than this share of that about the axis that turns most. With less rotation, noise
-# would decide the sign of that axis.
+# Chosen: axes count as mirrored only if the sum of squared rotations about the axis that turns
+# least is at least this ratio of that about the axis that turns most. Otherwise noise would decide
+# the sign of that axis.
 _MIRROR_SHARE = 0.1
 _MIN_ROTATION_RAD, _MIN_OFFSET_S = np.deg2rad(0.1), 5e-4
 
 
 class GyroFit(NamedTuple):
-    """The calibration of a gyro by the tracked rotations of the last 20 s.
+    """The calibration of a gyro from the tracked rotations of the last 20 s.
 
-    Rotations w_imu that the gyro measures, R_camera_imu and the tracked rotations w_camera satisfy
-    w_camera = R_camera_imu @ (w_imu - bias * time), with w_imu taken `offset_s` later.
+    Tracked rotation vectors are w_camera = R_camera_imu @ (w_imu - bias * time), where w_imu is
+    measured by the gyro and `offset_s` later by stamp.
     """
 
-    offset_s: float  # by which the stamps of the IMU are later than those of the images
+    offset_s: float  # the stamps of the IMU are later than those of the images by this time
     R_camera_imu: FloatArray  # (3, 3)
     bias_radps: FloatArray  # (3,) along the axes of the IMU
     offset_sigma_s: float  # standard deviation
     rotation_sigma_rad: float  # largest standard deviation about any axis
     bias_sigma_radps: float
-    residual_radps: float  # RMS of the differences of the rates
-    signal_radps: float  # RMS of the tracked rates without their mean
-    scale: float  # factor that brings the rates closest to the tracked ones
-    correlation: float  # of the rates with the tracked ones, 1 for a perfect gyro of any scale
-    is_mirrored: bool  # a rotation and a reflection of the axes would fit much better
+    residual_radps: float  # RMS of the differences between measured and tracked rates
+    signal_radps: float  # RMS of the tracked rates, with their mean subtracted
+    scale: float  # factor on the measured rates that fits the tracked ones best
+    # Correlation of measured and tracked rates: 1 for a perfect gyro of any scale.
+    correlation: float
+    is_mirrored: bool  # whether the rates fit much better if an axis is reflected
 
     @property
     def text(self) -> str:
@@ -70,14 +73,14 @@ def fit_gyro(
     near_s: float | None = None,
     window_ns: int = _WINDOW_NS,
 ) -> GyroFit | None:
-    """Return the calibration of a gyro by the tracked rotations; None if there are too few.
+    """Return the calibration of a gyro from tracked rotations; None if there are too few.
 
-    The rotation is estimated as by Kabsch (1976), the bias is the mean difference of the rates,
-    and the offset minimizes the squared residuals.
+    The rotation is that of Kabsch (1976), the bias is the mean difference of the rates, and the
+    offset minimizes the squared residuals.
 
     Args:
-        R_camera_imu: (3, 3) the rotation, if it is known; None: it is estimated.
-        near_s: The offset (`GyroFit.offset_s`) if known to 10 ms; None: all offsets are tried.
+        R_camera_imu: (3, 3) the rotation, if it is known; None: estimate it.
+        near_s: The offset (`GyroFit.offset_s`) if known to 10 ms; None: try all offsets.
         window_ns: Duration of the latest rotations that are compared.
     """
     steps = _tracked_steps(motion, gyro, window_ns)
@@ -94,7 +97,7 @@ def fit_gyro(
 
 
 def _tracked_steps(motion: TrackedMotion, gyro: SampleBuffer, window_ns: int) -> _Steps | None:
-    """Return the latest tracked rotations for which samples exist at all offsets."""
+    """Return the latest tracked rotations, and gyro samples that cover them at every offset."""
     newest_ns = gyro.newest_ns
     if newest_ns is None or motion.newest_ns is None:
         return None
@@ -120,7 +123,7 @@ def _tracked_steps(motion: TrackedMotion, gyro: SampleBuffer, window_ns: int) ->
 
 
 def _are_covered(stamps_ns: IntArray, low_ns: IntArray, high_ns: IntArray) -> BoolArray:
-    """Return the mask (M,) of the intervals from low to high that samples (N,) cover."""
+    """Return (M,) whether samples (N,) cover each interval from low to high without a gap."""
     if not len(stamps_ns):
         return np.zeros(len(low_ns), np.bool_)
     num_gaps = np.append(0, np.cumsum(np.diff(stamps_ns) > GAP_NS))
@@ -132,12 +135,12 @@ def _are_covered(stamps_ns: IntArray, low_ns: IntArray, high_ns: IntArray) -> Bo
 
 
 class _Steps(NamedTuple):
-    """M tracked rotations between successive images, and the integral of the gyro's N samples."""
+    """M tracked rotations between successive images, and integrals of the gyro up to N samples."""
 
     first_s: FloatArray  # (M,)
     second_s: FloatArray  # (M,)
     tracked_rad: FloatArray  # (M, 3) rotation vectors in the camera frame
-    weight: FloatArray  # (M,) from 0 to 1; small for tracked rotations that do not fit
+    weight: FloatArray  # (M,) from 0 to 1; small for tracked rotations with large residuals
     known_s: FloatArray  # (N,)
     sums_rad: FloatArray  # (N, 3)
 
@@ -146,19 +149,19 @@ class _Steps(NamedTuple):
         return self.second_s - self.first_s
 
     def measured_rad(self, offset_s: float) -> FloatArray:
-        """Return the integrals (M, 3) [rad] of the rates at an offset, as if turns commuted."""
+        """Return the integrals (M, 3) of the rates in rad at an offset; rotations are summed."""
         ends_s = np.concatenate([self.first_s, self.second_s]) + offset_s
         ends = [np.interp(ends_s, self.known_s, column) for column in self.sums_rad.T]
         first, second = np.split(np.stack(ends, axis=1), 2)
         return np.asarray(second - first)
 
     def weighted(self, residuals_rad: FloatArray) -> _Steps:
-        """Return the steps with the weights of a Cauchy kernel for residuals (M,)."""
+        """Return the steps with weights by a Cauchy kernel for the residuals (M,)."""
         return self._replace(weight=cauchy_weights(residuals_rad, _CAUCHY, _LEAST_RAD))
 
 
 class _Alignment(NamedTuple):
-    """Tracked and measured rotations at one offset, without their mean rates."""
+    """Tracked and measured rotations at one time offset, with their mean rates subtracted."""
 
     R_camera_imu: FloatArray  # (3, 3)
     tracked_rad: FloatArray  # (M, 3) in the camera frame
@@ -168,12 +171,12 @@ class _Alignment(NamedTuple):
 
     @property
     def difference_rad(self) -> FloatArray:
-        """Return tracked minus measured rotations (M, 3) in the camera frame."""
+        """Return tracked minus measured rotations (M, 3) in rad, in the camera frame."""
         return self.tracked_rad - self.measured_rad @ self.R_camera_imu.T
 
     @property
     def residuals_rad(self) -> FloatArray:
-        """Return the lengths (M,) of these differences."""
+        """Return the lengths (M,) of the rotation differences in rad."""
         return np.asarray(np.linalg.norm(self.difference_rad, axis=1))
 
 
@@ -192,7 +195,7 @@ def _aligned(steps: _Steps, offset_s: float, R_camera_imu: FloatArray | None) ->
 def _best_offset(
     steps: _Steps, tried_s: FloatArray, R_camera_imu: FloatArray | None
 ) -> tuple[float, float]:
-    """Return the offset [s] of least cost, by a parabola, and its curvature [rad^2/s^2]."""
+    """Return the offset (s) of least cost, interpolated by a parabola with this curvature."""
     aligned = (_aligned(steps, offset_s, R_camera_imu) for offset_s in tried_s.tolist())
     cost = np.array([steps.weight @ np.square(item.residuals_rad) for item in aligned])
     best, step_s = int(np.clip(np.argmin(cost), 1, len(cost) - 2)), float(tried_s[1] - tried_s[0])
@@ -203,7 +206,7 @@ def _best_offset(
 
 
 def _fit(steps: _Steps, offset_s: float, curvature: float, R_known: FloatArray | None) -> GyroFit:
-    """Return the fit at an offset; the bias is combined with `UNKNOWN_BIAS_RADPS` as a prior."""
+    """Return the fit at an offset; the bias has a prior of 0 with `UNKNOWN_BIAS_RADPS`."""
     aligned, weight = _aligned(steps, offset_s, R_known), steps.weight
     w, R = aligned.measured_rad, aligned.R_camera_imu
     H = (weight[:, None] * aligned.tracked_rad).T @ w
@@ -234,11 +237,11 @@ def _fit(steps: _Steps, offset_s: float, curvature: float, R_known: FloatArray |
 
 
 def _mean_difference(steps: _Steps, aligned: _Alignment) -> tuple[FloatArray, float]:
-    """Return the mean (3,) of tracked minus measured rates [rad/s], and its standard deviation.
+    """Return the mean (3,) of tracked minus measured rates (rad/s), and its standard deviation.
 
-    Each step has the weight 0 or 1 here, so that noise of the poses cancels: each pose ends one
-    rotation and begins the next. The standard deviation follows from the spread of the means of
-    half a second, in which drift of the tracked rotation does not cancel.
+    Each step has the weight 0 or 1 here, so that noise of a pose cancels out: the pose ends one
+    step and begins the next. The standard deviation follows from the scatter of means over half a
+    second, in which the drift of the tracked rotation does not cancel out.
     """
     is_used = steps.weight > _LEAST_WEIGHT
     starts = np.arange(0, len(is_used), _BLOCK_STEPS)

@@ -25,23 +25,27 @@ from rgbd_slam.inertial.tracked_motion import TrackedMotion
 from rgbd_slam.inertial.trust import Trust, is_saturated, is_stuck
 
 # Chosen: time between two comparisons with the tracked motion, at first and once the time offset
-# is known; a comparison takes 5 to 15 ms.
+# is known, because a comparison takes 5 to 15 ms.
 _FIRST_PERIOD_NS, _PERIOD_NS = NS_PER_S // 2, 2 * NS_PER_S
-# Chosen: with an accelerometer, the first period also lasts for this time after the first image,
-# because gravity is known after 1.5 s, and can be confirmed after 2.3 s.
+# Chosen: with an accelerometer, the short period lasts at least this long, because gravity is
+# known after 1.5 s and can be confirmed after 2.3 s.
 _EARLY_NS = 3 * NS_PER_S
-_KNOWN_OFFSET_S = 0.005  # chosen: standard deviation; a hand turns by 0.5 degrees in 5 ms
-# Chosen: an estimated rotation between IMU and camera with a larger standard deviation is not used
-# to predict; the rotations between parallel axes differ by 90 degrees.
+# Chosen: an offset with this standard deviation is known; a hand turns by 0.5 degrees in 5 ms.
+_KNOWN_OFFSET_S = 0.005
+# Chosen: an estimated rotation between IMU and camera is not used for prediction if its standard
+# deviation is larger; different parallel-axes rotations differ by 90 degrees.
 _MAX_ROTATION_SIGMA_RAD = np.deg2rad(25.0)
-_CONTRADICTED_RAD, _NUM_SIGMAS = np.deg2rad(3.0), 3.0  # chosen: see `snapped`
-_CORRELATED = 2.0  # chosen: factor of standard deviations, as errors of tracking last for seconds
-# Chosen: ten times the standard deviation of the integral of a gyro's white noise after 1 s,
-# because real gyros also have errors of their scale.
+# Chosen: a given rotation is contradicted by more than this angle plus three sigmas.
+_CONTRADICTED_RAD, _NUM_SIGMAS = np.deg2rad(3.0), 3.0
+# Chosen: factor on standard deviations, because tracking errors are correlated over seconds.
+_CORRELATED = 2.0
+# Chosen: standard deviation of a rotation measured over 1 s, ten times that from a gyro's white
+# noise, because real gyros also have scale errors.
 _NOISE_RAD = 0.002
-_SCALE_ERROR = 0.01  # chosen: of cheap gyros (Bosch BMI055: 1 %)
-_MAX_UP_SIGMA_RAD = np.deg2rad(3.0)  # chosen: the limit of `Leveling`
-_DRIFT_RAD = np.deg2rad(1.0)  # chosen: error of a direction that was tracked for 2 s
+_SCALE_ERROR = 0.01  # chosen: scale error of cheap gyros (Bosch BMI055: 1 %)
+# Chosen: least accuracy of gravity for dead reckoning; the limit of `Leveling`.
+_MAX_UP_SIGMA_RAD = np.deg2rad(3.0)
+_DRIFT_RAD = np.deg2rad(1.0)  # chosen: error of a direction that was tracked over 2 s
 _MAX_STEP_NS = NS_PER_S // 5  # chosen: tracked rotations over longer steps are not used
 _CONTRADICTED = (
     'imu: it is turned by {:.0f} degrees from what its frame or its calibration says; the '
@@ -52,7 +56,7 @@ _SATURATED = 'imu: it turns faster than the range of the gyro; such turns are le
 
 
 class MeasuredRotation(NamedTuple):
-    """The rotation of the camera between two images, as the gyro has measured it."""
+    """The rotation of the camera between two images, as measured by the gyro."""
 
     R_first_second: FloatArray  # (3, 3)
     sigma_rad: float  # standard deviation about each axis
@@ -61,8 +65,8 @@ class MeasuredRotation(NamedTuple):
 class Imu:
     """Measures how the camera turns and moves, and which direction is up.
 
-    The time offset, the rotation to the camera and the biases are estimated from the tracked
-    motion (`observe`); `trust` decides which sensor is used.
+    Time offset, rotation to the camera and biases are estimated from the tracked motion
+    (`observe`). `trust` decides which sensors are used.
     """
 
     def __init__(self, config: ImuConfig, mounting: Mounting | None = None) -> None:
@@ -72,13 +76,14 @@ class Imu:
         self._motion, self.trust = TrackedMotion(), Trust()
         self._gravity = GravityEstimator(self._motion)
         self._offset_s = 0.0 if mounting is None else mounting.offset_s
-        self._compared_ns: int | None = None  # stamp of the image of the last comparison
-        self._begun_ns = 0  # stamp of the image at which the first period began
-        # Stamp of the image up to which the last trials were made, and their error.
+        # Stamp of the image at which samples and motion were compared last.
+        self._compared_ns: int | None = None
+        self._begun_ns = 0  # stamp of the image at which the short period of comparisons began
+        # Stamp of the last image of the latest trials of dead reckoning, and their error.
         self._trial: tuple[int | None, float | None] = None, None
-        self.levels = config.level  # whether gravity is measured to make the map level
-        self.fit: GyroFit | None = None  # of the last comparison without a fault
-        self.up: Gravity | None = None  # by the last comparison
+        self.levels = config.level  # whether gravity is measured in order to level the map
+        self.fit: GyroFit | None = None  # result of the last comparison without a fault
+        self.up: Gravity | None = None  # result of the last comparison
 
     def add_rates(self, rates_radps: Samples) -> None:
         if not len(self._gyro) and len(rates_radps):  # imports GTSAM before an image needs it
@@ -90,7 +95,7 @@ class Imu:
         self._accelerometer.add(accelerations_mps2)
 
     def observe(self, first_ns: int, second_ns: int, T_first_second: FloatArray) -> None:
-        """Learn from the tracked motion T_first_second (4, 4) of the camera between two images.
+        """Update the calibration by the motion T_first_second (4, 4) tracked between two images.
 
         Every 0.5 s, or every 2 s once the time offset is known, the motion is compared with the
         samples, which updates `fit`, `trust` and `up`.
@@ -113,7 +118,7 @@ class Imu:
         self.trust.report()
 
     def rotation(self, first_ns: int, second_ns: int) -> MeasuredRotation | None:
-        """Return how the camera has turned between two images, if samples and trust allow."""
+        """Return the camera rotation between two images; None if samples or trust are missing."""
         fit = self.fit
         if fit is None or not self.trust.uses_gyro or second_ns <= first_ns:
             return None
@@ -137,8 +142,8 @@ class Imu:
     def position(self, last_ns: int, stamp_ns: int) -> Reckoned | None:
         """Return the position at a time in the camera frame of the last tracked image.
 
-        It is None unless the accelerometer is trusted, gravity is known to 3 degrees, enough
-        images were tracked without interruption, and dead reckoning agrees with them.
+        None unless the accelerometer is trusted, gravity is known to 3 degrees, enough images were
+        tracked without interruption, and dead reckoning agrees with them.
         """
         if not (self._config.integrate and self.trust.uses_gyro):
             return None
@@ -153,27 +158,27 @@ class Imu:
 
     @property
     def confirmed_up(self) -> Gravity | None:
-        """Return `up` if the map may be made level by it (`Trust.may_level`), else None."""
+        """Return `up` if it is accurate and confirmed enough to level the map, else None."""
         up = self.up
         return up if up is not None and self.trust.may_level(up.sigma_rad) else None
 
     @property
     def num_impossible(self) -> int:
-        """Return the number of samples left out because no sensor can measure their values."""
+        """Return the number of samples that were left out because their values are impossible."""
         return self._gyro.num_impossible + self._accelerometer.num_impossible
 
     @property
     def gives_prior(self) -> bool:
-        """Return whether measured rotations may support the poses of tracked images."""
+        """Return whether measured rotations may be used as priors of tracked poses."""
         return self._config.prior
 
     @property
     def bias_sigma_radps(self) -> float:
-        """Return the standard deviation of the gyro's bias; before a fit, 0.02 rad/s."""
+        """Return the standard deviation of the gyro's bias; 0.02 rad/s before the first fit."""
         return UNKNOWN_BIAS_RADPS if self.fit is None else self.fit.bias_sigma_radps
 
     def mount(self, mounting: Mounting) -> None:
-        """Use a mounting that has become known, unless one was given before."""
+        """Use a mounting that has become known now, unless one was given before."""
         if self._mounting is None:
             self._mounting = mounting
             if self.fit is None:
@@ -194,7 +199,7 @@ class Imu:
         return self.fit is not None and self.fit.offset_sigma_s < _KNOWN_OFFSET_S
 
     def _compare_rates(self, image_ns: int) -> None:
-        """Update the calibration of the gyro, unless it has a fault."""
+        """Update the calibration of the gyro, unless the gyro has a fault."""
         offset_ns = round(self._offset_s * NS_PER_S)
         if not self.trust.compare_samples(self._gyro, image_ns, offset_ns):
             return
@@ -228,7 +233,7 @@ class Imu:
         return fit_gyro(self._motion, self._gyro, R, offset_s, _PERIOD_NS)
 
     def _chosen_rotation(self, R_found: FloatArray, sigma_rad: float) -> FloatArray:
-        """Return the given R_camera_imu (3, 3), or `snapped` if it is unknown or contradicted."""
+        """Return the given R_camera_imu (3, 3), or the found one if that contradicts it."""
         if self._mounting is None:
             return snapped(R_found, sigma_rad)
         given = self._mounting.R_camera_imu
@@ -239,7 +244,7 @@ class Imu:
         return snapped(R_found, sigma_rad)
 
     def _compare_forces(self, image_ns: int) -> None:
-        """Update `up`, which becomes None if it is unknown, and try dead reckoning."""
+        """Update `up` (None if gravity is unknown), and try dead reckoning."""
         self.up = None
         if not self.trust.compare_forces(self._accelerometer, image_ns):
             return
@@ -252,7 +257,7 @@ class Imu:
         self._trial_error(image_ns)
 
     def _trial_error(self, last_ns: int) -> float | None:
-        """Return the error of dead reckoning over the last seconds, from which `trust` learns."""
+        """Return the error of dead reckoning over the last seconds, and update `trust` by it."""
         if self._trial[0] != last_ns:
             path = self._path(last_ns, TRIED_NS)
             self._trial = last_ns, None if path is None else path.trial_error()
@@ -260,9 +265,9 @@ class Imu:
         return self._trial[1]
 
     def _path(self, last_ns: int, window_ns: int, stamp_ns: int | None = None) -> Path | None:
-        """Return the positions tracked in a window up to an image, with the IMU's integrals.
+        """Return the positions tracked in a window up to an image, and the IMU's integrals.
 
-        The integrals go on from that image to `stamp_ns`, if that is given.
+        The integrals continue from that image to `stamp_ns`, if that is given.
         """
         up = self.up
         stamps_ns, T = self._motion.chain(last_ns - window_ns)
@@ -294,7 +299,7 @@ class Imu:
         )
 
     def _tracked_rates(self, from_ns: int, R_camera_imu: FloatArray) -> Samples:
-        """Return the rates that a gyro would have measured, by the tracked rotations."""
+        """Return the rates that a gyro would measure according to the tracked rotations."""
         first_ns, second_ns, R = self._motion.steps(from_ns, _MAX_STEP_NS)
         rates_radps = rotation_vector(R) / (S_PER_NS * (second_ns - first_ns))[:, None]
         middle_ns = (first_ns + second_ns) // 2 + round(self._offset_s * NS_PER_S)

@@ -24,16 +24,16 @@ def integrals(
 ) -> Preintegrated | None:
     """Return the integrals of the samples from the first of M times to each of them.
 
-    Rates and forces are linear between samples. None is returned unless they `cover` the times.
+    Rates and forces are interpolated linearly. None if the samples do not cover the times.
 
     Args:
         rates: Samples of the gyro around these times.
         at_ns: (M,) increasing times by the clock of the IMU.
         bias_radps: (3,) bias of the gyro, along the axes of the IMU.
-        forces: Samples of the accelerometer; None: only the rotation is wanted.
+        forces: Samples of the accelerometer; None: integrate the rotation only.
         bias_mps2: (3,) bias of the accelerometer, along the axes of the IMU.
     """
-    # GTSAM takes more than 0.1 s to import, which a node without an IMU does not need.
+    # Importing GTSAM takes more than 0.1 s, and a node without an IMU does not need it.
     from rgbd_slam.optimize.preintegration import preintegrated  # noqa: PLC0415
 
     first_ns, last_ns = int(at_ns[0]), int(at_ns[-1])
@@ -52,7 +52,7 @@ def integrals(
 
 
 def _means(samples: Samples, knots_ns: IntArray) -> FloatArray:
-    """Return the means (N - 1, 3) between successive times (N,)."""
+    """Return the mean values (N - 1, 3) between successive times (N,)."""
     known_s = S_PER_NS * (samples.stamps_ns - knots_ns[0])
     knots_s = S_PER_NS * (knots_ns - knots_ns[0])
     at_knots = np.stack([np.interp(knots_s, known_s, column) for column in samples.values.T], 1)

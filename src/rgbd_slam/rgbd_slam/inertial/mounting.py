@@ -1,4 +1,4 @@
-"""How an IMU is mounted: its rotation to the camera, found, given or read from Kalibr's file."""
+"""The mounting of an IMU: its rotation to the camera, estimated, given, or read from a file."""
 
 from __future__ import annotations
 
@@ -16,36 +16,37 @@ from hoid_common.values import FloatArray
 from rgbd_slam.config.imu_config import ImuConfig
 from rgbd_slam.inertial.rotations import rotation_vector
 
-# Chosen: an estimated rotation is replaced by the nearest rotation between parallel axes if it
-# differs from that by less than this angle plus three standard deviations. IMUs are soldered
-# parallel to the camera; the 24 rotations between parallel axes differ by 90 degrees.
+# Chosen: an estimated rotation is replaced by the nearest one of the 24 rotations between parallel
+# axes if it differs by less than this angle plus three standard deviations. IMUs are soldered
+# parallel to the camera, and the 24 rotations differ by 90 degrees.
 _AXES_RAD, _NUM_SIGMAS = np.deg2rad(3.0), 3.0
-_MAX_ROTATION_ERROR = 1e-3  # not tuned: largest deviation from a rotation in a file of 8 digits
+# Not tuned: largest error of a rotation matrix in a file, which has 8 digits.
+_MAX_ROTATION_ERROR = 1e-3
 _CAMERA = 'cam0'
 _MAX_TIMESHIFT_S = 3600.0  # chosen: no two clocks of one computer are an hour apart
-# Chosen: standard deviations about each axis of a mounting that a frame states or that lies
-# between parallel axes, and of one that was calibrated for this IMU. Parts are mounted to about a
-# degree; the axes of an accelerometer are orthogonal to 1 %.
+# Chosen: standard deviations about each axis of a mounting that TF states or that is parallel to
+# the axes, and of one that was calibrated. Parts are mounted to about a degree, and the axes of an
+# accelerometer are orthogonal to 1 %.
 PARALLEL_SIGMA_RAD, _CALIBRATED_SIGMA_RAD = np.deg2rad(1.0), np.deg2rad(0.3)
 
 
 class Mounting(NamedTuple):
-    """The mounting of an IMU, as a user or a calibration file states it."""
+    """The mounting of an IMU, as TF or a calibration file states it."""
 
     R_camera_imu: FloatArray  # (3, 3)
-    offset_s: float = 0.0  # by which the stamps of the IMU are later than those of the images
+    offset_s: float = 0.0  # the stamps of the IMU are later than those of the images by this time
     sigma_rad: float = PARALLEL_SIGMA_RAD  # standard deviation of the rotation about each axis
 
 
 def snapped(R_camera_imu: FloatArray, sigma_rad: float) -> FloatArray:
-    """Return R_camera_imu (3, 3), replaced by the nearest rotation of parallel axes if close."""
+    """Return the nearest rotation of parallel axes if it is close to R_camera_imu, else that."""
     nearest = _PARALLEL[np.argmax(np.einsum('nij,ij->n', _PARALLEL, R_camera_imu))]
     angle_rad = float(np.linalg.norm(rotation_vector(nearest.T @ R_camera_imu)))
     return nearest if angle_rad < _AXES_RAD + _NUM_SIGMAS * sigma_rad else R_camera_imu
 
 
 def kalibr_mounting(config: ImuConfig) -> Mounting | None:
-    """Return the mounting in the file `imu.calibration`, if there is one; see `read_kalibr`."""
+    """Return the mounting in the Kalibr file `imu.calibration`, or None if none is set."""
     if not config.calibration:
         return None
     return read_kalibr(expand_home(config.calibration, 'imu.calibration'))

@@ -1,4 +1,4 @@
-"""The calibration of an IMU, as a run has found it."""
+"""The calibration of an IMU that a run has estimated."""
 
 from __future__ import annotations
 
@@ -15,7 +15,8 @@ from rgbd_slam.inertial.rotations import rotation_vector
 class ImuReport:
     """The calibration of an IMU, with the names of `summary.json`; None: unknown."""
 
-    time_offset_ms: float | None = None  # by which its stamps are later than those of the images
+    # The stamps of the IMU are later than those of the images by this time.
+    time_offset_ms: float | None = None
     time_offset_sigma_ms: float | None = None
     # Rotation vector of R_camera_imu [deg].
     rotation_deg: tuple[float, ...] | None = None
@@ -24,9 +25,9 @@ class ImuReport:
     gyro_bias_sigma_radps: float | None = None
     up_sigma_deg: float | None = None  # standard deviation of the direction of gravity
     in_use: str = 'none'  # the sensors that are in use: gyro, accelerometer
-    fault: str = ''  # which sensor is left out, and why
-    problems: tuple[str, ...] = ()  # all that were reported so far
-    samples_left_out: int = 0  # samples with values that no sensor can measure
+    fault: str = ''  # which sensor is not used, and why
+    problems: tuple[str, ...] = ()  # all problems that were reported
+    samples_left_out: int = 0  # number of samples with values that no sensor can measure
 
 
 def report_of(imu: Imu) -> ImuReport:

@@ -30,9 +30,9 @@ def nearest_rotation(matrix: FloatArray) -> FloatArray:
 
 
 def cauchy_weights(lengths: FloatArray, median_factor: float, least: float) -> FloatArray:
-    """Return the weights (N,) of a Cauchy kernel for residuals of given lengths (N,).
+    """Return the weights (N,) of a Cauchy kernel for residuals of these lengths (N,).
 
-    The weight is 0.5 at a multiple of the median length, or at `least` if that is more.
+    The weight is 0.5 at `median_factor` times the median length, or at `least` if that is more.
     """
     limit = max(median_factor * float(np.median(lengths)), least)
     return np.asarray(1.0 / (1.0 + np.square(lengths / limit)))

@@ -9,10 +9,12 @@ import numpy as np
 from hoid_common.sync import RESTART_NS
 from hoid_common.values import NS_PER_S, FloatArray, IntArray
 
-_KEPT_NS = 25 * NS_PER_S  # chosen: longer than the 20 s of rotations that rates are compared with
+# Chosen: longer than the 20 s in which rates and tracked rotations are compared.
+_KEPT_NS = 25 * NS_PER_S
 GAP_NS = NS_PER_S // 20
 """Samples that are more than this time [ns] apart leave a gap. Chosen: ten samples at 200 Hz."""
-_HELD_NS = NS_PER_S // 40  # chosen: time for which the first and the last sample are held
+# Chosen: the first and the last sample count as valid for this time beyond their stamps.
+_HELD_NS = NS_PER_S // 40
 MAX_RATE_RADPS, MAX_FORCE_MPS2 = 100.0, 1000.0
 """No sensor measures more. Chosen: about three and four times the largest range of Bosch's BMI088
 (BST-BMI088-DS001: 2000 degrees per second, 24 g)."""
@@ -28,7 +30,7 @@ class Samples(NamedTuple):
         return len(self.stamps_ns)
 
     def cover(self, first_ns: int, last_ns: int) -> bool:
-        """Return whether the samples leave no gap of more than 50 ms between two times."""
+        """Return whether the samples have no gap of more than 50 ms between two times."""
         stamps_ns = self.stamps_ns
         if len(stamps_ns) < 2 or stamps_ns[0] - _HELD_NS > first_ns:
             return False
@@ -36,12 +38,12 @@ class Samples(NamedTuple):
 
 
 class SampleBuffer:
-    """The samples of at least the last 25 s of one sensor, except those beyond a limit."""
+    """The samples of one sensor for at least 25 s, without those whose values exceed a limit."""
 
     def __init__(self, limit: float = np.inf) -> None:
         self._limit = limit
         self._samples = Samples(np.empty(0, np.int64), np.empty((0, 3)))
-        self.num_impossible = 0  # dropped samples, whose values no sensor can measure
+        self.num_impossible = 0  # number of dropped samples, whose values no sensor can measure
 
     def __len__(self) -> int:
         return len(self._samples)
@@ -51,9 +53,9 @@ class SampleBuffer:
         return int(self._samples.stamps_ns[-1]) if len(self) else None
 
     def add(self, samples: Samples) -> None:
-        """Append samples, without late ones and those with values that no sensor can measure.
+        """Append samples, except late ones and those with impossible values.
 
-        If the stamps go back by more than a second (a bag in a loop), old samples are dropped.
+        If the stamps go back by more than a second (as in a looped bag), old samples are dropped.
         """
         (stamps_ns, values), (known_ns, known) = samples, self._samples
         if not len(samples):

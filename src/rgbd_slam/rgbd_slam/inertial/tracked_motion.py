@@ -1,4 +1,4 @@
-"""The tracked motion of the camera, with which an IMU is compared."""
+"""The tracked motion of the camera, by which an IMU is calibrated."""
 
 from __future__ import annotations
 
@@ -10,31 +10,31 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import NS_PER_S, FloatArray, IntArray
 
-_KEPT_NS = 30 * NS_PER_S  # chosen: the tracked rotation drifts by about 1 degree in this time
+_KEPT_NS = 30 * NS_PER_S  # chosen: in this time, the tracked rotation drifts by about 1 degree
 
 
 class TrackedPoses(NamedTuple):
     """Poses of K images that were tracked without interruption."""
 
     stamps_ns: IntArray  # (K,) increasing
-    T_chain_camera: FloatArray  # (K, 4, 4) relative to an unknown frame
+    T_chain_camera: FloatArray  # (K, 4, 4) relative to the frame of their chain
 
 
 class _Image(NamedTuple):
     stamp_ns: int
     T_chain_camera: FloatArray  # (4, 4)
-    is_first: bool  # whether a chain begins at the image
+    is_first: bool  # whether a chain of uninterrupted tracking begins at the image
 
 
 class TrackedMotion:
-    """The tracked motion of the last 30 s, which interruptions divide into chains."""
+    """The tracked poses of the last 30 s; each interruption begins a new chain."""
 
     def __init__(self) -> None:
         self._images: list[_Image] = []
         self.chain_ns = 0  # stamp of the image at which the last chain begins
 
     def add(self, first_ns: int, second_ns: int, T_first_second: FloatArray) -> None:
-        """Add the motion (4, 4) between two images; a chain begins after a gap between images."""
+        """Add the motion (4, 4) between two images; a gap before them begins a new chain."""
         newest_ns = self.newest_ns
         if newest_ns is not None and second_ns <= newest_ns:
             self._images = []
@@ -50,12 +50,12 @@ class TrackedMotion:
         return self._images[-1].stamp_ns if self._images else None
 
     def chain(self, from_ns: int | None = None) -> TrackedPoses:
-        """Return the poses of the last chain from a stamp on; None: all of them."""
+        """Return the poses of the newest chain from a stamp on; None: all of them."""
         from_ns = self.chain_ns if from_ns is None else max(from_ns, self.chain_ns)
         return self._poses(self._index(from_ns))
 
     def steps(self, from_ns: int, longest_ns: int) -> tuple[IntArray, IntArray, FloatArray]:
-        """Return both stamps (M,), (M,) and the rotation (M, 3, 3) of each step between images."""
+        """Return both stamps (M,), (M,) and the rotation (M, 3, 3) of steps up to `longest_ns`."""
         first = self._index(from_ns)
         stamps_ns, T = self._poses(first)
         R = T[:, :3, :3]

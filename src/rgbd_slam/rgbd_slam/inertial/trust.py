@@ -1,4 +1,4 @@
-"""Decides which sensors of an IMU are used, by their samples and by the tracked motion."""
+"""Decision which sensors of an IMU are used, from their samples and the tracked motion."""
 
 from __future__ import annotations
 
@@ -11,28 +11,32 @@ from hoid_common.values import NS_PER_S
 from rgbd_slam.inertial.gyro_calibration import GyroFit
 from rgbd_slam.inertial.sample_buffer import SampleBuffer, Samples
 
-_LATE_NS = NS_PER_S // 4  # chosen: more than any driver's delay and the offsets that are found
-_EQUAL_SAMPLES = 20  # chosen: fewer equal samples may be a coincidence of coarse sensors
-_SATURATED_RADPS = 0.9  # chosen: equal rates above it are at the end of the range
-_SATURATED_SAMPLES = 4  # chosen: below the range's end, noise makes this many equal samples rare
-_UNIT_TOLERANCE = 1.5  # chosen: factor around 180 / pi within which the unit is deg/s
-_MIN_CORRELATION = 0.7  # chosen: below it, the rates are not those of the camera in another unit
-_MIN_SIGNAL_RADPS = 0.1  # chosen: below it, the tracked rates are mostly noise
-_DOUBTED_SIGNAL_RADPS = 0.05  # chosen: tracked rates that should confirm a gyro within 10 s
-_MAX_UNEXPLAINED = 0.8  # chosen: share of the tracked rates that a good gyro leaves unexplained
-# Chosen: the mounting of the gyro counts as known once its rates correlate with the tracked ones
-# by more than this. The first number holds if the axes of the IMU are the given ones or parallel
-# to the optical ones, the second if they were found from the images alone. Where a moving scene
-# captures the tracking of `d435_office`, a mirrored gyro reaches 0.73 with some rotation.
+# Chosen: larger than any driver's delay and the time offsets that are estimated.
+_LATE_NS = NS_PER_S // 4
+_EQUAL_SAMPLES = 20  # chosen: fewer equal samples in a row may be a coincidence of coarse sensors
+_SATURATED_RADPS = 0.9  # chosen: equal rates above this are at the limit of the sensor's range
+# Chosen: noise makes this many equal samples unlikely, except at the limit of the range.
+_SATURATED_SAMPLES = 4
+_UNIT_TOLERANCE = 1.5  # chosen: the unit is deg/s if the scale is 180 / pi up to this factor
+# Chosen: with less correlation, the rates are not the camera's rates in another unit.
+_MIN_CORRELATION = 0.7
+_MIN_SIGNAL_RADPS = 0.1  # chosen: slower tracked rates are mostly noise
+_DOUBTED_SIGNAL_RADPS = 0.05  # chosen: tracked rates above this should confirm a gyro within 10 s
+# Chosen: largest ratio of the tracked rates that a good gyro does not explain.
+_MAX_UNEXPLAINED = 0.8
+# Chosen: the mounting of the gyro counts as known if its rates correlate with the tracked ones by
+# more than this: the first number if the rotation is the given one or parallel to the optical
+# axes, the second if it was estimated from the images alone. When a moving scene misleads the
+# tracking of `d435_office`, a mirrored gyro reaches 0.73 with some rotation.
 _EXPECTED_CORRELATION, _FOUND_CORRELATION = 0.6, 0.85
-# Chosen: before the accelerometer has been compared with the tracked motion, the map is made level
+# Chosen: before the accelerometer has been compared with tracked positions, the map is leveled
 # only if the standard deviation of the direction of gravity is below this. On calm cameras it is
-# 1.1 to 1.2 degrees after 1.5 s, and 2.0 to 4.4 if the axes of the accelerometer are permuted.
+# 1.1 to 1.2 degrees after 1.5 s, and 2.0 to 4.4 if the accelerometer's axes are permuted.
 _UNTRIED_SIGMA_RAD = np.deg2rad(1.5)
-# Chosen: RMS of the errors of dead reckoning, in standard deviations, above which an accelerometer
-# is not used. A good one has 0.3 to 1.3; faulty ones have 3 and more as long as the camera moves.
+# Chosen: an accelerometer is not used if the RMS error of dead reckoning is larger, in standard
+# deviations. Good ones have 0.3 to 1.3; faulty ones have 3 and more while the camera moves.
 _MAX_TRIAL_ERROR = 2.0
-_PATIENCE_NS = 10 * NS_PER_S  # chosen: time without agreement after which it is reported
+_PATIENCE_NS = 10 * NS_PER_S  # chosen: disagreement is reported after this time
 _LEFT_OUT = 'imu: the gyro is left out: {}'
 _BOTH_LEFT_OUT = f'{_LEFT_OUT}; so is the accelerometer, because it has the same clock'
 _CONTRADICTS = (
@@ -45,7 +49,7 @@ _STUCK_ACCELEROMETER = (
 
 
 class GyroFault(Enum):
-    """Why a gyro is left out; the value says what is wrong and what to do."""
+    """Why a gyro is not used; the value is a text that also says what to do."""
 
     STUCK = 'its values do not change; restart its driver'
     LATE = 'its samples are more than 0.25 s late or have stopped; check its driver and its clock'
@@ -69,35 +73,36 @@ class Trust:
     """Decides whether a gyro and an accelerometer with the same clock may be used."""
 
     def __init__(self) -> None:
-        self.agrees: bool | None = None  # accelerometer and tracked motion; None: not tried
+        # Whether accelerometer and tracked motion agree; None: not tried.
+        self.agrees: bool | None = None
         self.has_accelerometer = False
-        self._gyro: SampleBuffer | None = None  # None: there is none
+        self._gyro: SampleBuffer | None = None  # None: there is no gyro
         self._fault_of_samples: GyroFault | None = None
         self._fault_of_fit: GyroFault | None = None
         self._is_mounting_known = False
         self._is_accelerometer_stuck = False
-        self._since_ns: dict[str, int] = {}  # stamps since which something has been doubted
+        self._since_ns: dict[str, int] = {}  # by sensor: stamp since which it has been doubted
         self._now_ns = 0  # stamp of the image of the last comparison
-        self._said: dict[str, News] = {}  # all messages, by their kind
+        self._said: dict[str, News] = {}  # all messages by their kind
         self._num_taken = 0  # messages that `take_news` has returned
 
     @property
     def fault(self) -> GyroFault | None:
-        """Return why the gyro is left out; None: it has no fault."""
+        """Return the fault because of which the gyro is not used; None: it has no fault."""
         return self._fault_of_samples or self._fault_of_fit
 
     @property
     def uses_gyro(self) -> bool:
-        """Return whether the images confirmed the mounting of the gyro and no fault is known."""
+        """Return whether the images have confirmed the gyro's mounting, and it has no fault."""
         return self._gyro is not None and self._is_mounting_known and self.fault is None
 
     @property
     def uses_accelerometer(self) -> bool:
-        """Return whether no fault of the accelerometer, or of the gyro's clock, is known."""
+        """Return whether neither the accelerometer nor the clock of the gyro has a fault."""
         return not self._is_accelerometer_stuck and (self._gyro is None or self.uses_gyro)
 
     def may_level(self, up_sigma_rad: float) -> bool:
-        """Return whether gravity is known well enough, and confirmed, to level the map."""
+        """Return whether gravity is accurate and confirmed enough to level the map."""
         is_right = up_sigma_rad < _UNTRIED_SIGMA_RAD if self.agrees is None else self.agrees
         return self.uses_accelerometer and is_right
 
@@ -110,7 +115,7 @@ class Trust:
 
     @property
     def problem(self) -> str:
-        """Return which sensor is left out and why, or ''."""
+        """Return a text about the sensor that is not used and the reason, or ''."""
         if self.fault is not None:
             text = _BOTH_LEFT_OUT if self.has_accelerometer else _LEFT_OUT
             return text.format(self.fault.value)
@@ -119,7 +124,7 @@ class Trust:
         return _CONTRADICTS if self._lasts('accelerometer') else ''
 
     def compare_samples(self, gyro: SampleBuffer, image_ns: int, offset_ns: int) -> bool:
-        """Return whether the samples of the gyro have arrived in time and change."""
+        """Return whether the samples of the gyro arrive in time, and their values change."""
         self._gyro, self._now_ns, self._fault_of_samples = gyro, image_ns, None
         latest = gyro.before(image_ns + offset_ns, 1)
         if not len(latest) or latest.stamps_ns[0] < image_ns + offset_ns - _LATE_NS:
@@ -129,11 +134,11 @@ class Trust:
         return self._fault_of_samples is None
 
     def compare_rates(self, fit: GyroFit, recent: GyroFit | None) -> bool:
-        """Return whether the comparison with the tracked rotation shows no fault of the gyro.
+        """Return whether the comparison with tracked rotations reveals no fault of the gyro.
 
-        While the camera hardly turns, no fault is noticed. `recent`, the comparison over the last
-        2 s, can show only that the rates are in degrees, because in a blur the tracked rotation
-        may be wrong as well.
+        No fault is found while the camera hardly turns. `recent`, the comparison over the last 2
+        s, is only used to detect rates in degrees, because in blurred images the tracked rotation
+        may be wrong too.
         """
         self._fault_of_fit = _fault_of(fit)
         if recent is not None and _is_in_degrees(recent):
@@ -141,12 +146,12 @@ class Trust:
         return self._fault_of_fit is None
 
     def compare_axes(self, fit: GyroFit, *, is_expected: bool, is_certain: bool) -> None:
-        """Confirm a gyro without a fault once its rates correlate with the tracked ones.
+        """Confirm the mounting of a faultless gyro if its rates correlate with the tracked ones.
 
         Args:
-            fit: The comparison with the rotation to the camera that is used.
-            is_expected: Whether that rotation is the given one or the identity.
-            is_certain: Whether that rotation is given or known well enough.
+            fit: The fit with the rotation to the camera that is used.
+            is_expected: Whether this rotation is the given one or the identity.
+            is_certain: Whether this rotation is given or accurate enough.
         """
         needed = _EXPECTED_CORRELATION if is_expected else _FOUND_CORRELATION
         self._is_mounting_known |= bool(is_certain and fit.correlation > needed)
@@ -156,7 +161,7 @@ class Trust:
             self._fault_of_fit = GyroFault.UNPROVEN
 
     def compare_forces(self, accelerometer: SampleBuffer, image_ns: int) -> bool:
-        """Return whether the accelerometer may be compared with the tracked positions."""
+        """Return whether the accelerometer has no known fault, so that it can be compared."""
         self.has_accelerometer, self._now_ns = True, image_ns
         newest_ns = accelerometer.newest_ns
         self._is_accelerometer_stuck = newest_ns is not None and is_stuck(accelerometer, newest_ns)
@@ -165,33 +170,33 @@ class Trust:
     def compare_positions(self, trial_error: float | None) -> None:
         """Store whether the accelerometer agrees with the tracked positions.
 
-        `trial_error` is the error of dead reckoning over past seconds (`Path.trial_error`).
+        `trial_error` is the error of dead reckoning in the last seconds (`Path.trial_error`).
         """
         self.agrees = None if trial_error is None else trial_error <= _MAX_TRIAL_ERROR
         self._note('accelerometer', is_doubted=self.agrees is False)
 
     def report(self) -> None:
-        """Store a problem for `take_news`, after a comparison."""
+        """Store a present problem for `take_news`; called after a comparison."""
         if self.problem:
             self.say(self.problem)
 
     def say(self, text: str, kind: str = '', *, is_problem: bool = True) -> None:
-        """Store a text for `take_news`, once for each `kind` (default: the text itself)."""
+        """Store a message for `take_news`, once for each `kind` (default: the text itself)."""
         self._said.setdefault(kind or text, News(text, is_problem))
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Return the texts of all problems so far."""
+        """Return the texts of all problems that were stored."""
         return tuple(news.text for news in self._said.values() if news.is_problem)
 
     def take_news(self) -> list[News]:
-        """Return the messages since the last call."""
+        """Return the messages that were stored since the last call."""
         news = list(self._said.values())[self._num_taken :]
         self._num_taken = len(self._said)
         return news
 
     def _note(self, sensor: str, *, is_doubted: bool) -> None:
-        """Store since when a sensor has been doubted without interruption."""
+        """Store the stamp since which a sensor has been doubted without interruption."""
         since_ns = self._since_ns.get(sensor, self._now_ns)
         if not is_doubted or since_ns > self._now_ns:
             self._since_ns.pop(sensor, None)
@@ -203,13 +208,13 @@ class Trust:
 
 
 def is_stuck(sensor: SampleBuffer, stamp_ns: int) -> bool:
-    """Return whether the last 20 samples up to a time are equal, which noise makes impossible."""
+    """Return whether the last 20 samples up to a time are equal; noise prevents that."""
     latest = sensor.before(stamp_ns, _EQUAL_SAMPLES).values
     return len(latest) == _EQUAL_SAMPLES and bool((latest == latest[0]).all())
 
 
 def is_saturated(samples: Samples) -> bool:
-    """Return whether four successive rates about one axis are equal, at more than 0.9 rad/s."""
+    """Return whether four successive rates above 0.9 rad/s about one axis are equal."""
     values = samples.values
     if len(values) < _SATURATED_SAMPLES:
         return False

@@ -1,4 +1,4 @@
 """Updates of the map around a new keyframe: new points, fused points, and culling.
 
-No module of this package changes more than the neighborhood of one keyframe.
+The modules of this package change only the neighborhood of one keyframe.
 """

@@ -1,4 +1,4 @@
-"""Culling of unreliable new points and redundant keyframes.
+"""Culling of unreliable new points and of redundant keyframes.
 
 The rules are those of ORB-SLAM (Mur-Artal et al., T-RO 2015, sec. VI).
 """
@@ -17,21 +17,22 @@ from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.map_tables import NEAR_SHARED
 
 # ORB-SLAM3, LocalMapping.cc, MapPointCulling. A point is new up to the age _NEW_AGE. From the age
-# _MIN_AGE on, it needs more than _MIN_WEIGHT observations, of which one with depth counts twice.
-# Ages are numbers of keyframes since the one that created the point.
+# _MIN_AGE on, it needs more than _MIN_WEIGHT observations, where one with depth counts twice. The
+# age is the number of keyframes since the one that created the point.
 _NEW_AGE = 3
 _MIN_AGE = 2
 _MIN_WEIGHT = 3
-_MIN_OBSERVERS = 3  # ORB-SLAM3, KeyFrameCulling: other keyframes that observe a redundant point
+# Other keyframes that must observe a redundant point (ORB-SLAM3, KeyFrameCulling).
+_MIN_OBSERVERS = 3
 _MIN_CLOSE = 30  # not tuned: with fewer close points, all points of a keyframe are considered
 
 
 def cull_new_points(atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig) -> None:
     """Remove new points that few frames find, or that keyframe `i` should observe but does not.
 
-    A point is weak if it has at most three observations, of which one with depth counts twice. A
+    A point is weak if it has at most three observations, where one with depth counts twice. A
     point that is weak, or at most three keyframes old, is removed if it was found in less than the
-    share `min_found_ratio` of the frames that should show it. A weak point that is at least two
+    ratio `min_found_ratio` of the frames that should show it. A weak point that is at least two
     keyframes old is removed if it should be visible in keyframe `i`, but the keyframe does not
     observe it. Only points around keyframe `i` are tested, whatever the size of the map.
     """
@@ -50,7 +51,7 @@ def cull_new_points(atlas: Atlas, camera: StereoCamera, i: int, config: MappingC
 
 
 def _around(atlas: Atlas, i: int) -> IntArray:
-    """Return rows: keyframe `i`, its parent, and the keyframes covisible with the parent."""
+    """Return the rows of keyframe `i`, its parent, and the keyframes covisible with the parent."""
     parent = atlas.keyframes.index_of(int(atlas.keyframes.parent_uid[i]))
     return np.array([i]) if parent is None else np.r_[i, parent, atlas.covisible(parent)]
 
@@ -58,9 +59,9 @@ def _around(atlas: Atlas, i: int) -> IntArray:
 def cull_keyframes(atlas: Atlas, i: int, config: MappingConfig, close_limit_m: float) -> None:
     """Remove neighbors of keyframe `i` whose close points are nearly all seen by three others.
 
-    More than the share `redundant_share` of its close points must be observed by at least three
-    other keyframes, in an octave at most one above its own. If hardly any point is close, as in a
-    hall, all points are considered.
+    At least three other keyframes must observe more than `redundant_share` of a neighbor's close
+    points, in an octave at most one above that in the neighbor. If hardly any point is close, as
+    in a hall, all points count.
     """
     for neighbor in atlas.covisible(i, NEAR_SHARED).tolist():
         if _is_redundant(atlas, neighbor, config.redundant_share, close_limit_m):

@@ -14,16 +14,16 @@ from rgbd_slam.model.frame import StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO
 
-# Search window of `matching.local_map` for points seen obliquely; the argument `radius` of
-# `visible_points` is a factor on it.
+# Half side of the search window of `matching.local_map` for points seen obliquely; the argument
+# `radius` of `visible_points` is a factor on it.
 _OBLIQUE_RADIUS_PX = 4.0
 
 
 def fuse_with_neighbors(atlas: Atlas, camera: StereoCamera, i: int, config: MappingConfig) -> None:
     """Fuse points of keyframe `i` and of its neighbors that project to the same features.
 
-    Where a point of one keyframe matches a feature of another one that observes no point and may
-    create one, this feature observes the point from then on.
+    If a point matches a feature that observes no point yet and may create one, the feature becomes
+    an observation of the point.
     """
     neighbors = atlas.covisible(i, limit=config.neighbors)
     for neighbor in neighbors.tolist():
@@ -35,9 +35,9 @@ def fuse_with_neighbors(atlas: Atlas, camera: StereoCamera, i: int, config: Mapp
 
 
 def fuse(atlas: Atlas, camera: StereoCamera, i: int, j: IntArray, config: MappingConfig) -> None:
-    """Search points (P,) in keyframe `i`, which then observes them, or fuse them with its points.
+    """Search points (P,) in keyframe `i`, and add observations or fuse them with its points.
 
-    A feature that observes no point and may not create one (`may_seed`) is left as it is.
+    Features that observe no point and may not create one (`may_seed`) are not changed.
     """
     keyframes = atlas.keyframes
     own = keyframes.point_of_feature[i]
@@ -58,7 +58,7 @@ def fuse(atlas: Atlas, camera: StereoCamera, i: int, j: IntArray, config: Mappin
 
 
 def _join(atlas: Atlas, i: int, k: IntArray, j: IntArray) -> None:
-    """Let features of keyframe `i` observe points, or fuse these with more often observed ones."""
+    """Add observations of points by features of keyframe `i`, or fuse the points with theirs."""
     points = atlas.points
     present = atlas.keyframes.point_of_feature[i, k].astype(np.int64)
     is_free = present == NO_POINT

@@ -1,4 +1,4 @@
-"""Removal of a keyframe's observations of objects that turned out to be dynamic."""
+"""Retraction of a keyframe's observations of objects that turned out to be dynamic."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from rgbd_slam.model.keyframes import NO_POINT
 def retract_observations(atlas: Atlas, verdicts: FeatureVerdicts) -> None:
     """Remove the observations of a keyframe's dynamic features, and the points made from these.
 
-    Points that another keyframe created lose only these observations. Nothing is removed if the
-    image is no keyframe of this session, or has another number of features.
+    Points that another keyframe created only lose these observations. Nothing is removed if the
+    image is not a keyframe of this session, or has another number of features.
     """
     keyframes, points = atlas.keyframes, atlas.points
     rows = np.flatnonzero(
@@ -21,7 +21,8 @@ def retract_observations(atlas: Atlas, verdicts: FeatureVerdicts) -> None:
     )
     if len(rows) == 0:
         return
-    i = int(rows[np.argmax(keyframes.uid[rows])])  # the newest: a looping bag repeats its stamps
+    # The newest, because a looped bag repeats its stamps.
+    i = int(rows[np.argmax(keyframes.uid[rows])])
     if len(verdicts.is_dynamic) != keyframes.num_features[i]:
         return
     k = np.flatnonzero(verdicts.is_dynamic)

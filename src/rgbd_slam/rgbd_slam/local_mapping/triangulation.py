@@ -1,7 +1,7 @@
 """Triangulation of new points from two keyframes (decision 009; Mur-Artal and Tardos, T-RO 2017).
 
-Features without a point are matched along epipolar lines. The point is where both rays meet or, if
-the angle between them is too small, where a depth measurement places it.
+Features without a point are matched along epipolar lines. The new point is where both rays meet
+or, if the angle between them is too small, at the measured depth.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO
 
-_FAR_M = 1e4  # chosen: depth that stands for infinity
+_FAR_M = 1e4  # chosen: depth that represents infinity
 _EPIPOLAR_CHI2 = 3.841  # 95 % quantile of chi-square, one degree of freedom
 _DEPTH_SHARE = 0.3  # not tuned: largest relative error of a depth measurement
-# ORB-SLAM3, LocalMapping.cc, CreateNewMapPoints, ratioFactor: 1.5 times the scale factor, by which
-# the ratio of the distances may differ from that of the octaves.
+# Largest factor between the ratio of the distances and that of the octave scales: 1.5 times the
+# scale factor (ORB-SLAM3, LocalMapping.cc, CreateNewMapPoints, ratioFactor).
 _SCALE_MARGIN = 1.5
-_MIN_SQUARE = 1e-18  # chosen: keeps the division defined for parallel rays
+_MIN_SQUARE = 1e-18  # chosen: lower limit that keeps the division defined for parallel rays
 
 
 class TwoViews(NamedTuple):
@@ -50,7 +50,7 @@ def triangulate_with_neighbors(
 def _triangulate_with(
     atlas: Atlas, camera: StereoCamera, i: int, n: int, config: TriangulationConfig
 ) -> int:
-    """Triangulate new points between keyframes `i` and `n`, unless these are too near."""
+    """Triangulate points between keyframes `i` and `n` unless too near; return how many."""
     T_map_camera = atlas.keyframes.T_map_camera
     T_n_i = se3.inverse(T_map_camera[n]) @ T_map_camera[i]
     if np.linalg.norm(T_n_i[:3, 3]) < config.min_baseline_m:
@@ -71,7 +71,7 @@ def _triangulate_with(
 
 
 def _is_free(atlas: Atlas, i: int) -> BoolArray:
-    """Return the (N,) mask of features that observe no point and may create one."""
+    """Return the mask (N,) of features that observe no point and may create one."""
     keyframes = atlas.keyframes
     n = int(keyframes.num_features[i])
     free: BoolArray = keyframes.point_of_feature[i, :n] == NO_POINT
@@ -86,7 +86,7 @@ def _matches(
     octave_scale: FloatArray,
     config: TriangulationConfig,
 ) -> Matches:
-    """Return matches of features `k` on their epipolar lines among features `free`."""
+    """Return matches of features `k` along their epipolar lines with the features `free`."""
     first, second = views.first, views.second
     octave = first.octave[k].astype(np.int8)
     above = np.minimum(octave + 1, len(octave_scale) - 1).astype(np.int8)
@@ -103,10 +103,11 @@ def _matches(
 def epipolar_segments(
     views: TwoViews, k: IntArray, camera: StereoCamera, min_depth_m: float
 ) -> FloatArray:
-    """Return the (N, 4) u, v [px] of both ends of features' epipolar segments in the second view.
+    """Return the ends (N, 4) u, v, u, v in px of the epipolar segments in the second view.
 
-    A depth limits the segment to 30 % around it; otherwise it extends from `min_depth_m` in both
-    cameras to infinity. It is NaN if it is empty, or if the ray leads away from the second camera.
+    With a measured depth, it covers 30 % around that; otherwise it covers depths from
+    `min_depth_m` in both cameras to infinity. It is NaN if it is empty, or if the ray leads away
+    from the second camera.
     """
     depth = views.first.depth_m[k].astype(np.float64)
     near = np.where(depth > 0, (1 - _DEPTH_SHARE) * depth, min_depth_m)
@@ -129,11 +130,11 @@ def depth_from_parallax(
     camera: StereoCamera,
     min_parallax_rad: float,
 ) -> FloatArray:
-    """Return the (N,) depths [m] of matched features in the first camera; negative behind it.
+    """Return the depths (N,) in m of matched features in the first camera; negative behind it.
 
-    The depth is that of the point on the first ray that is nearest to the second ray (least
-    squares). For rays that are parallel up to `min_parallax_rad`, it is the depth measurement of
-    the first camera, or follows from that of the second one; without either, it is 0.
+    The depth is that of the point on the first ray nearest to the second ray (least squares). For
+    rays with an angle below `min_parallax_rad`, it is the measured depth of the first camera, or
+    follows from that of the second one; without either, it is 0.
     """
     R, t = views.T_second_first[:3, :3], views.T_second_first[:3, 3]
     ones = np.ones(len(first))
@@ -157,10 +158,10 @@ def fits_both(
     camera: StereoCamera,
     octave_scale: FloatArray,
 ) -> BoolArray:
-    """Return the (N,) mask of triangulated points that fit the features of both keyframes.
+    """Return the mask (N,) of triangulated points that fit the features of both keyframes.
 
-    They must lie in front of both cameras, project to both features, and have distances whose
-    ratio is about that of the octaves. `points_m` (N, 3) are in the first camera's frame.
+    They are in front of both cameras and project to both features, and their distances have about
+    the ratio of the octave scales. `points_m` (N, 3) are in the first camera's frame.
     """
     in_second = se3.transform(views.T_second_first, points_m)
     good = (points_m[:, 2] > 0) & (in_second[:, 2] > 0)

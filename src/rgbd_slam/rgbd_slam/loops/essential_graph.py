@@ -1,7 +1,7 @@
-"""The essential graph of ORB-SLAM: the pose graph of keyframes that distributes a loop's error.
+"""The essential graph of ORB-SLAM: a pose graph of keyframes that distributes a loop's error.
 
-Its edges are the spanning tree, pairs of keyframes that share many points, and the loops closed so
-far (Mur-Artal et al., T-RO 2015, sec. VII). Scale is not estimated, because depth measures it.
+Its edges are the spanning tree, pairs of keyframes that share many points, and all closed loops
+(Mur-Artal et al., T-RO 2015, sec. VII). Scale is not estimated, because depth measures it.
 """
 
 from __future__ import annotations
@@ -22,22 +22,22 @@ from rgbd_slam.model.map_change import Move
 from rgbd_slam.model.map_tables import NEAR_SHARED
 from rgbd_slam.places.geometric_verification import PlaceMatch
 
-# Not tuned: standard deviations of the translation of an edge (a constant [m], plus a share of its
-# length) and of its rotation [rad], as good visual odometry has. Long edges and edges with few
-# shared points absorb most of a correction. How far a loop is closed depends on their size in
-# comparison with the covariance of the loop (`loop_covariance`).
+# Not tuned: standard deviations of an edge's translation (a constant in m, plus a ratio of its
+# length) and rotation (rad), typical of good visual odometry. Long edges and edges with few shared
+# points absorb most of a correction. How far a loop is closed depends on the ratio of these values
+# to the covariance of the loop (`loop_covariance`).
 _SIGMA_M = 0.005
 _SIGMA_SHARE = 0.01
 _SIGMA_RAD = 0.002
 _STRONG_SHARED = 100  # Mur-Artal et al., T-RO 2015: shared points of a strong edge (theta)
-# Not tuned: factor on the standard deviations of a loop match, and the standard deviations of the
-# errors that are added to them.
+# Not tuned: factor on the standard deviations of a loop match, and standard deviations of further
+# errors that are added.
 _LOOP_FACTOR = 3.0
 _LOOP_SIGMA_M = 0.002
 _LOOP_SIGMA_RAD = 0.001
-_DRIFT_M_PER_RAD = 0.3  # not tuned: a rotation by 1 rad causes as much drift as a path of 0.3 m
-# Chosen: largest deviation of the optimized map from a loop. Loops between the same places deviate
-# by some centimeters; places that look alike are at least 2 m apart.
+_DRIFT_M_PER_RAD = 0.3  # not tuned: a rotation by 1 rad adds as much drift as a path of 0.3 m
+# Chosen: largest deviation of the optimized map from a loop, in rad and m. Loops between the same
+# places deviate by some centimeters; places that look alike are at least 2 m apart.
 _MAX_DEVIATION = np.deg2rad(5.0), 0.25  # [rad], [m]
 
 _logger = logging.getLogger(__name__)
@@ -47,12 +47,13 @@ class Region(NamedTuple):
     """Connected keyframes of one map."""
 
     rows: IntArray  # (N,) ascending
-    # (M,) ascending: keyframes outside that are connected with one inside; they keep their poses.
+    # (M,) ascending rows of keyframes outside that are connected with one inside; their poses are
+    # fixed.
     border: IntArray
 
 
 def region_around(atlas: Atlas, starts: IntArray, limit: int) -> Region:
-    """Return the first `limit` keyframes of a breadth-first search from keyframes in rows (K,).
+    """Return up to `limit` keyframes around the rows `starts` (K,), by breadth-first search.
 
     Connected keyframes share at least 15 points, or are parent and child in the spanning tree.
     """
@@ -61,7 +62,7 @@ def region_around(atlas: Atlas, starts: IntArray, limit: int) -> Region:
     first = np.searchsorted(parents[order], np.arange(len(parents) + 1))
     known, chosen, border = set(starts.tolist()), list[int](), list[int]()
     waiting = starts.tolist()
-    for i in waiting:  # grows meanwhile
+    for i in waiting:  # the list grows in the loop
         if len(chosen) == limit:
             border.append(i)
             continue
@@ -79,9 +80,9 @@ def region_around(atlas: Atlas, starts: IntArray, limit: int) -> Region:
 
 
 def loop_covariance(match: PlaceMatch) -> FloatArray:
-    """Return the (6, 6) covariance [rad^2, m^2] of a loop in the frame of the new camera.
+    """Return the covariance (6, 6) of a loop (rad^2, m^2) in the frame of the new camera.
 
-    It is larger than the covariance of the match, because the points share errors of the map.
+    It is larger than the match's covariance, because the matched points share errors of the map.
     """
     constant = np.square([_LOOP_SIGMA_RAD] * 3 + [_LOOP_SIGMA_M] * 3)
     return np.asarray(_LOOP_FACTOR**2 * match.covariance + np.diag(constant))
@@ -90,9 +91,9 @@ def loop_covariance(match: PlaceMatch) -> FloatArray:
 def path_length_m(atlas: Atlas, start: int, goal: int) -> float:
     """Return the length [m] of the shortest path between two keyframes (rows) in the map.
 
-    A path leads along connected keyframes (`region_around`); rotations along it add 0.3 m per rad.
-    The drift between the two grows with this length and not with time, because no drift is added
-    in known places. The length is infinite between different maps.
+    The path follows connected keyframes (`region_around`); rotations add 0.3 m per rad. The drift
+    between two keyframes grows with this length and not with time, because known places add no
+    drift. The length is infinite between different maps.
     """
     return atlas.path_length_m(start, goal, NEAR_SHARED, _DRIFT_M_PER_RAD)
 
@@ -105,11 +106,11 @@ def motion_size(T: FloatArray) -> tuple[float, float]:
 def optimized(
     atlas: Atlas, region: Region, min_shared: int
 ) -> tuple[FloatArray, tuple[LoopEdge, ...]]:
-    """Return the poses of a map with closed loops, except loops that contradict the rest.
+    """Return the optimized poses of a map, without the loops that contradict the rest.
 
     As in RTAB-Map (RGBD/OptimizeMaxError), a loop is left out if the optimized poses deviate from
-    it by more than 0.25 m or 5 degrees: either this loop or one of the others is wrong then. The
-    one with the largest deviation is left out first (the newest of several).
+    it by more than 0.25 m or 5 degrees, because then this loop or another one is wrong. The one
+    with the largest deviation is left out first, of several the newest.
 
     Returns:
         The poses T_map_camera (N, 4, 4) of the region's keyframes (see `closed_poses`), and all
@@ -134,7 +135,7 @@ def optimized(
 
 
 def _deviation(atlas: Atlas, edge: LoopEdge, poses: FloatArray) -> tuple[float, float]:
-    """Return the angle [rad] and distance [m] between poses (capacity, 4, 4) and a loop."""
+    """Return the rotation (rad) and distance (m) by which poses (capacity, 4, 4) miss a loop."""
     ends = atlas.keyframes.ends_of(edge)
     return (0.0, 0.0) if ends is None else motion_size(edge.residual(*poses[list(ends)]))
 
@@ -153,13 +154,14 @@ def closed_poses(
 
     Args:
         region: The keyframes whose poses are corrected.
-        loops: Loops that are not used, and loops with an end outside of the graph, have no effect.
+        loops: Loops that are not in use, or have an end outside the graph, have no effect.
         min_shared: Number of shared points from which two keyframes are connected by an edge.
         measure: Returns the relative pose T_a_b (4, 4) of two connected keyframes, given their
             rows and their present relative pose, which is used if None. Large maps are then
             optimized in groups (`keyframe_groups`).
     """
-    # Imported here, because GTSAM would delay the restart of a killed node (decision 030).
+    # Imported here, because importing GTSAM would delay the restart of a killed node (decision
+    # 030).
     from rgbd_slam.optimize.gtsam_pose_graph import PoseGraph  # noqa: PLC0415
 
     keyframes = atlas.keyframes
@@ -172,7 +174,8 @@ def closed_poses(
     )
     poses = keyframes.T_map_camera[rows]
     T_map_head = poses[groups.heads]
-    group_of = np.where(position >= 0, groups.group[position], -1)  # of each keyframe of the map
+    # Group of each keyframe of the map.
+    group_of = np.where(position >= 0, groups.group[position], -1)
     pairs = _between_groups(connected_pairs(atlas, rows, min_shared), group_of)
     graph = PoseGraph()
     is_fixed = (parents[groups.heads] < 0) | (groups.heads >= len(region.rows))
@@ -191,7 +194,7 @@ def closed_poses(
 def _relative_poses(
     pairs: Edges, T_map_head: FloatArray
 ) -> Iterator[tuple[int, int, FloatArray, float, float]]:
-    """Yield (g, h, T_g_h, sigma_rad, sigma_m) by the present poses of connected groups g, h."""
+    """Yield (g, h, T_g_h, sigma_rad, sigma_m) of connected groups g, h at their present poses."""
     T_g_h = se3.inverse(T_map_head[pairs.first]) @ T_map_head[pairs.second]
     weak = np.sqrt(_STRONG_SHARED / np.clip(pairs.shared, NEAR_SHARED, _STRONG_SHARED))
     sigma_m = weak * (_SIGMA_M + _SIGMA_SHARE * np.linalg.norm(T_g_h[:, :3, 3], axis=1))
@@ -205,8 +208,8 @@ def _loops_between_groups(
 ) -> Iterator[tuple[int, int, FloatArray, FloatArray]]:
     """Yield (g, h, T_g_h, covariance) for each used loop between two groups g and h.
 
-    T_g_h (4, 4) is the relative pose of their heads, and the covariance (6, 6) is in the frame of
-    the head of h, rotation first.
+    T_g_h (4, 4) is the relative pose of the heads; the covariance (6, 6) is in the frame of h's
+    head, rotation first.
     """
     keyframes = atlas.keyframes
     for loop in loops:
@@ -225,7 +228,7 @@ def _loops_between_groups(
 
 
 def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
-    """Return the pairs of groups that edges of keyframes connect, each with its strongest edge."""
+    """Return pairs of groups that edges of keyframes connect, each with its strongest edge."""
     ends = group_of[np.stack([edges.first, edges.second])]
     low, high = ends.min(0), ends.max(0)
     between = np.flatnonzero((low != high) & (low >= 0))
@@ -236,7 +239,7 @@ def _between_groups(edges: Edges, group_of: IntArray) -> Edges:
 
 
 def connected_pairs(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
-    """Return the edges of the spanning tree and of covisibility at keyframes in `rows`."""
+    """Return the edges of spanning tree and covisibility that begin at keyframes in `rows`."""
     keyframes = atlas.keyframes
     pairs = atlas.graph.edges()
     key = pairs.first * keyframes.capacity + pairs.second
@@ -251,5 +254,5 @@ def connected_pairs(atlas: Atlas, rows: IntArray, min_shared: int) -> Edges:
 
 
 def move_map(atlas: Atlas, rows: IntArray, T_map_camera: FloatArray) -> Move:
-    """Move keyframes in rows (N,) to poses T_map_camera (N, 4, 4), and their points with them."""
+    """Move keyframes (N,) to poses T_map_camera (N, 4, 4), together with their points."""
     return atlas.move(rows, T_map_camera @ se3.inverse(atlas.keyframes.T_map_camera[rows]))

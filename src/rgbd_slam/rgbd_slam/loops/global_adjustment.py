@@ -1,8 +1,8 @@
 """Global bundle adjustment in the background, while mapping continues.
 
-It works on a copy of a large part of the map. Before its solution is applied, the corrections of
-loops that were closed meanwhile are applied to it. Keyframes that were created meanwhile move with
-their parent in the spanning tree.
+It works on a copy of a large part of the map. Loops may be closed meanwhile: their corrections are
+first applied to the solution, and then the solution to the map. Keyframes that were created
+meanwhile move with their parent in the spanning tree.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ from rgbd_slam.records.soa_table import SoaTable
 
 _NICE = 10  # chosen: tracking and mapping have priority on few cores (decision 016)
 _ALL = slice(None)
-# Chosen: the largest number of keyframes around a loop that are adjusted at once; the others keep
-# the poses of the pose graph. `solve`, with all three solutions, takes 3.4 s of CPU time for 999
-# keyframes (docs/results/building.md).
+# Chosen: largest number of keyframes around a loop that are adjusted; the others keep their poses
+# from the pose graph. `solve`, with its three solutions, takes 3.4 s of CPU time for 999 keyframes
+# (docs/results/building.md).
 _MAX_KEYFRAMES = 1000
 
 _Work = tuple[StereoCamera, BundleProblem, int]  # the arguments of `solve`
@@ -46,20 +46,20 @@ _logger = logging.getLogger(__name__)
 
 
 class GlobalProblem(NamedTuple):
-    """The bundle adjustment problem of a part of a map, and the uids of its elements."""
+    """The bundle adjustment problem of a part of a map, and the uids of keyframes and points."""
 
     bundle: BundleProblem
     keyframe_uids: IntArray  # (C,)
     point_uids: IntArray  # (P,)
-    point_owners: IntArray  # (P,) uid of the keyframe that each point moves with
+    point_owners: IntArray  # (P,) uid of the keyframe with which each point moves
     next_uid: int  # keyframes from this uid on are newer than the problem
 
 
 def global_problem(atlas: Atlas, around: IntArray) -> GlobalProblem:
-    """Return the problem of the 1,000 keyframes around keyframes in rows (K,) of one map.
+    """Return the problem of up to 1,000 keyframes around the rows `around` (K,) of one map.
 
-    The border of this region and the first keyframe of the map are fixed. The points are those
-    that the region observes and of which the problem has at least two observations.
+    The border of this region and the first keyframe of the map are fixed. The points are observed
+    in the region, and at least twice in the problem.
     """
     keyframes, points = atlas.keyframes, atlas.points
     region = region_around(atlas, around, _MAX_KEYFRAMES)
@@ -82,9 +82,9 @@ def global_problem(atlas: Atlas, around: IntArray) -> GlobalProblem:
 def solve(camera: StereoCamera, bundle: BundleProblem, iterations: int) -> BundleSolution:
     """Solve a problem three times, with up to `iterations` iterations each.
 
-    The first solution uses the configured noise of the camera, the second one the noise of the
-    residuals. Some outliers are found only with this measured noise, and have distorted the
-    solution until then. The third solution leaves them out.
+    The first solution uses the configured noise of the camera, the second one the noise that the
+    residuals show. Some outliers are found only with this noise and have distorted both solutions;
+    the third one leaves them out.
     """
     first = adjust(camera, bundle, iterations)
     camera, bundle = with_residual_noise(camera, bundle, first)
@@ -95,7 +95,7 @@ def solve(camera: StereoCamera, bundle: BundleProblem, iterations: int) -> Bundl
 def _continued(
     bundle: BundleProblem, solution: BundleSolution, kept: BoolArray | slice = _ALL
 ) -> BundleProblem:
-    """Return the problem with a solution as its start, and with the kept observations only."""
+    """Return the problem with the solution as initial values and only the kept observations."""
     return replace(
         bundle,
         T_camera_map=solution.T_camera_map,
@@ -110,7 +110,7 @@ def _continued(
 def apply_solution(
     atlas: Atlas, problem: GlobalProblem, solution: BundleSolution, moves: Iterable[Move] = ()
 ) -> Move:
-    """Apply an adjustment to a map that `moves` have corrected since; return the motions."""
+    """Apply a solution to a map that was corrected by `moves` meanwhile; return the motions."""
     keyframes, points = atlas.keyframes, atlas.points
     solved = se3.inverse(solution.T_camera_map)
     solved_m = np.ascontiguousarray(solution.points_m.T)
@@ -126,7 +126,8 @@ def apply_solution(
     moved = np.r_[rows, np.array([i for i, _ in new], np.int64)]
     move = move_map(atlas, moved, after[moved])
     j, n = _still_in_map(points, problem.point_uids)
-    # Not refreshed: viewing directions and distances hardly change, and descriptors do not.
+    # Points are not refreshed, because viewing directions and distances hardly change, and
+    # descriptors not at all.
     atlas.set_positions(j, solved_m[n])
     return move
 
@@ -134,7 +135,7 @@ def apply_solution(
 def _moved(
     problem: GlobalProblem, T_map_camera: FloatArray, points_m: FloatArray, move: Move
 ) -> tuple[FloatArray, FloatArray]:
-    """Apply a correction of the map to the poses (C, 4, 4) and points (P, 3) of a solution."""
+    """Return a solution's poses (C, 4, 4) and points (P, 3), corrected by a move of the map."""
     order = np.argsort(move.uids)
 
     def motions(uids: IntArray) -> FloatArray:
@@ -148,14 +149,14 @@ def _moved(
 
 
 def _still_in_map(table: SoaTable, uids: IntArray) -> tuple[IntArray, IntArray]:
-    """Return the rows of those elements that a table still has, and their positions in `uids`."""
+    """Return the rows of elements that a table still has, and their positions in `uids`."""
     rows = table.rows_of(uids)
     known = np.flatnonzero(rows >= 0)
     return rows[known], known
 
 
 def _descendants(atlas: Atlas, rows: IntArray, first_uid: int) -> list[tuple[int, int]]:
-    """Return (child, parent) rows of the keyframes below `rows` that were inserted later."""
+    """Return (child, parent) rows of descendants of `rows` with a uid from `first_uid` on."""
     found: list[tuple[int, int]] = []
     known = set(rows.tolist())
     queue = rows.tolist()
@@ -170,9 +171,9 @@ def _descendants(atlas: Atlas, rows: IntArray, first_uid: int) -> list[tuple[int
 
 
 def _run_solver(work: Connection, solutions: Connection) -> None:
-    """Receive one problem and send its solution; the main function of the process."""
+    """Receive one problem and send its solution; this is the main function of the process."""
     os.nice(_NICE)
-    with suppress(EOFError, OSError):  # the mapper has ended or has stopped this adjustment
+    with suppress(EOFError, OSError):  # the mapper has ended, or has stopped this adjustment
         solutions.send(solve(*work.recv()))
 
 
@@ -200,14 +201,15 @@ class GlobalAdjuster:
         self._iterations = iterations
         self._background = background
         self._running: _Running | None = None
-        self._next_uids: IntArray = np.empty(0, np.int64)  # keyframes around which to adjust next
+        # Keyframes around which the next adjustment is requested.
+        self._next_uids: IntArray = np.empty(0, np.int64)
 
     @property
     def is_running(self) -> bool:
         return self._running is not None
 
     def start(self, around: IntArray) -> None:
-        """Adjust the map around keyframes (rows), once a running adjustment has ended."""
+        """Adjust the map around keyframes (rows), now or when the running adjustment has ended."""
         if self._running is not None:
             self._next_uids = self._atlas.keyframes.uid[around]
             return
@@ -223,7 +225,7 @@ class GlobalAdjuster:
             apply_solution(self._atlas, problem, solution)
 
     def rebase(self, move: Move) -> None:
-        """Store a correction of the map, for the solution of a running adjustment."""
+        """Store a correction of the map, which a running adjustment must take into account."""
         if self._running is not None:
             self._running.moves.append(move)
 
@@ -251,7 +253,7 @@ class GlobalAdjuster:
         return solution is not None
 
     def close(self) -> None:
-        """Stop the running adjustment without applying it, and cancel a requested one."""
+        """Stop a running adjustment without applying it, and drop a requested one."""
         self._next_uids = self._next_uids[:0]
         self._stop()
 

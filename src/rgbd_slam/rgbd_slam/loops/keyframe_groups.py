@@ -1,8 +1,8 @@
 """Groups of keyframes: the nodes of the pose graph of a large map.
 
-The time to optimize a pose graph grows with its nodes. Above `_MAX_NODES` keyframes, the pose
-graph therefore holds one keyframe of each group, its head, and the corrections of the heads are
-interpolated for the others. This is accurate because a correction is spread over the whole loop.
+The time to optimize a pose graph grows with its nodes. Above `_MAX_NODES` keyframes, its nodes are
+therefore one keyframe of each group, the head, and the corrections of the other keyframes are
+interpolated. This is accurate, because a correction is spread over the whole loop.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import FloatArray, IntArray
 
-# Chosen: largest number of nodes of the pose graph; the keyframes of a larger map are grouped. Up
-# to this number, optimizing the graph takes less time than moving the points.
+# Chosen: largest number of nodes of the pose graph; above it, keyframes are grouped. Up to it, the
+# optimization takes less time than moving the points.
 _MAX_NODES = 500
-_NEAR_M = 1e-6  # chosen: keeps the weight finite at the head itself, where the distance is 0
-_TURN_M = 1.0  # chosen: a rotation of 1 rad from a head counts as this distance
+_NEAR_M = 1e-6  # chosen: keeps the weight at the head itself finite, where the distance is 0
+_TURN_M = 1.0  # chosen: a rotation of 1 rad from a head counts as much as this distance
 
 
 class KeyframeGroups(NamedTuple):
@@ -29,11 +29,11 @@ class KeyframeGroups(NamedTuple):
 
 
 def keyframe_groups(parents: IntArray, *, is_grouped: bool = True) -> KeyframeGroups:
-    """Group N keyframes along the spanning tree; if N is at most 500, each is one group.
+    """Group N keyframes along the spanning tree; up to 500 keyframes are groups of one.
 
     Args:
         parents: (N,) position of each keyframe's parent; -1 for a root.
-        is_grouped: False: each keyframe is a group of its own, however many there are.
+        is_grouped: False: each keyframe is a group of one, however many there are.
     """
     n = len(parents)
     size = -(-n // _MAX_NODES)
@@ -68,10 +68,10 @@ def spread_corrections(
     first: IntArray,
     second: IntArray,
 ) -> FloatArray:
-    """Return the corrected poses (N, 4, 4) of all keyframes, given those of the groups' heads.
+    """Return the corrected poses (N, 4, 4) of all keyframes, given those of the heads.
 
-    The correction of a keyframe is the mean of the corrections of the heads of its own and of
-    neighboring groups, weighted by the inverse square of their distance (Shepard, ACM 1968).
+    The correction of a keyframe is the mean of those of the heads of its own and neighboring
+    groups, weighted by the inverse square of their distance (Shepard, ACM 1968).
 
     Args:
         T_map_camera: (N, 4, 4) poses of all keyframes before the correction.
@@ -99,7 +99,7 @@ def spread_corrections(
 
 
 def _members_of_pairs(group: IntArray, own: IntArray) -> tuple[IntArray, IntArray]:
-    """Return keyframes (M,) and pairs (M,): all pairs that begin with the keyframe's group."""
+    """Return keyframes (M,) and pairs (M,): each keyframe with each pair of its group."""
     starts = np.searchsorted(own, group)
     counts = np.searchsorted(own, group, side='right') - starts
     member = np.repeat(np.arange(len(group)), counts)

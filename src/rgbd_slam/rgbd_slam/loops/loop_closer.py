@@ -1,4 +1,4 @@
-"""Loop closing and map merging: corrects the map where a known place is seen again."""
+"""Loop closing and map merging: corrects the map when a known place is seen again."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from rgbd_slam.model.loop_edge import JOIN, LoopEdge
 from rgbd_slam.model.map_change import Move
 from rgbd_slam.places.place_finder import FoundPlace
 
-_AROUND = 10  # not tuned: neighbors of each of the two keyframes of a loop whose points are fused
+_AROUND = 10  # not tuned: points of this many neighbors of both keyframes of a loop are fused
 _NO_MAP = -1
-# Chosen: largest number of keyframes whose poses are corrected around a loop with hardly any
-# drift. No recording of a room has as many; in a building, the limit keeps the time of such a loop
+# Chosen: largest number of keyframes that are moved around a loop with hardly any drift.
+# Recordings of rooms have fewer; in a building, the limit makes the time of such a loop
 # independent of the size of the map.
 _SMALL_LOOP = 200
 
@@ -42,7 +42,8 @@ class LoopEvent(Enum):
     """The result of processing a keyframe."""
 
     NOTHING = 'nothing'
-    REJOINED = 'rejoined'  # a short loop with hardly any drift: no global adjustment
+    # Short loop with hardly any drift, after which no global adjustment follows.
+    REJOINED = 'rejoined'
     CLOSED = 'closed'
     MERGED = JOIN  # two maps have become one
 
@@ -50,16 +51,16 @@ class LoopEvent(Enum):
 class Join(NamedTuple):
     """A closed loop or a merge between a new keyframe and an earlier one at the same place."""
 
-    edge: LoopEdge  # from the earlier keyframe to the new one
+    edge: LoopEdge  # loop edge from the earlier keyframe to the new one
     place_stamp_ns: int  # of the earlier keyframe
     stamp_ns: int  # of the new keyframe
-    # Distance [m] and rotation [rad] by which the new keyframe was moved; None between two maps,
-    # whose relative pose was unknown.
+    # Distance (m) and rotation (rad) by which the new keyframe was moved; None for two maps, whose
+    # relative pose was unknown.
     correction: tuple[float, float] | None
 
     @property
     def event(self) -> LoopEvent:
-        """Return the kind of the event: a loop was closed, or maps were merged."""
+        """Return the kind of event: a closed loop or merged maps."""
         return LoopEvent(self.edge.kind)
 
     def __str__(self) -> str:
@@ -68,7 +69,7 @@ class Join(NamedTuple):
 
 
 class LoopCounts(NamedTuple):
-    """The numbers of closed loops, without `LoopEvent.REJOINED`, and of merged maps."""
+    """Numbers of closed loops, without `LoopEvent.REJOINED`, and of merged maps."""
 
     closed: int = 0
     merged: int = 0
@@ -94,9 +95,9 @@ class LoopCloser:
         self._config = config.places.loops
         self._mapping = config.mapping
         self.detector = LoopDetector(atlas, camera, config)
-        self._adjusted_map = _NO_MAP  # the map that was adjusted last
-        self._has_grown = False  # whether keyframes have been added to that map since then
-        self.last_join: Join | None = None  # join of the last keyframe, if any
+        self._adjusted_map = _NO_MAP  # id of the map that was adjusted last
+        self._has_grown = False  # whether that map got keyframes since then
+        self.last_join: Join | None = None  # the join at the last keyframe; None: there was none
         self.adjuster = GlobalAdjuster(
             atlas, camera, self._config.global_iterations, background=background
         )
@@ -104,7 +105,7 @@ class LoopCloser:
     def process(self, i: int) -> LoopEvent:
         """Close a loop at the new keyframe in row `i`, or merge its map with another one.
 
-        A finished global adjustment is applied first, even if closing loops is switched off.
+        A finished global adjustment is applied first, even if loop closing is off.
         """
         self.adjuster.poll()
         self._has_grown |= int(self._atlas.keyframes.map_id[i]) == self._adjusted_map
@@ -113,7 +114,7 @@ class LoopCloser:
         return LoopEvent.NOTHING if found is None else self.close_at(i, found)
 
     def close_at(self, i: int, place: FoundPlace) -> LoopEvent:
-        """Correct the map by a match that `detector` has found; store it in `last_join`."""
+        """Correct the map by a match that `detector` has found, and store it in `last_join`."""
         keyframes, c = self._atlas.keyframes, place.keyframe
         place_stamp_ns, stamp_ns = keyframes.stamp_ns[[c, i]].tolist()
         correction: tuple[float, float] | None = None
@@ -129,7 +130,7 @@ class LoopCloser:
         return event
 
     def remove(self, number: int) -> None:
-        """Remove a loop or merge, given by its number in the map, and adjust the map again."""
+        """Remove a loop or merge, by its number in the map, and adjust the map again."""
         keyframes, uids = self._atlas.keyframes, self._atlas.loops[number][:2]
         remove_loop(self._atlas, self._camera, number, self._config.essential_shared)
         for edge in self._atlas.loops:
@@ -140,14 +141,14 @@ class LoopCloser:
             self._adjust(rows[rows >= 0])
 
     def index_places(self) -> None:
-        """Index all keyframes now, which takes seconds for a loaded map of thousands of them."""
+        """Index all keyframes now; this takes seconds for a loaded map with thousands of them."""
         if self._config.enabled:
             self.detector.index_places()
 
     def settle(self, limit_s: float) -> None:
         """Repeat the last global adjustment if keyframes have been added to its map since then.
 
-        Waits up to `limit_s` for a running adjustment, and as long again for the repeated one.
+        Wait up to `limit_s` for a running adjustment, and as long for the repeated one.
         """
         self.adjuster.poll(limit_s)
         if self._has_grown and not self.adjuster.is_running:
@@ -159,7 +160,7 @@ class LoopCloser:
     def _close(self, i: int, place: FoundPlace, distance_m: float, turn_rad: float) -> LoopEvent:
         """Optimize the pose graph with a new loop, and fuse the points around both keyframes.
 
-        A global adjustment follows unless the loop is short and hardly moves the new keyframe.
+        A global adjustment follows, unless the loop is short and hardly moves the new keyframe.
         """
         keyframes, config, c = self._atlas.keyframes, self._config, place.keyframe
         path_m = path_length_m(self._atlas, c, i)
@@ -188,7 +189,7 @@ class LoopCloser:
         return LoopEvent.MERGED
 
     def _add_edge(self, i: int, place: FoundPlace, event: LoopEvent) -> LoopEdge:
-        """Add the loop edge of a match to the map, whose poses are not changed yet."""
+        """Add a loop edge for a match to the map, whose poses are not changed here."""
         (c, match), keyframes = place, self._atlas.keyframes
         uid_c, uid_i = keyframes.uid[[c, i]].tolist()
         edge = LoopEdge(
@@ -223,10 +224,10 @@ class LoopCloser:
 
 
 def merge_maps(atlas: Atlas, i: int, c: int, T_c_i: FloatArray) -> Move:
-    """Move the newer of two maps, the one with the larger id, into the frame of the older one.
+    """Move the newer of two maps (larger id) into the frame of the older one.
 
-    Returns the motion of its keyframes. In the spanning tree, the keyframe of the older map
-    becomes the parent of the other one.
+    Return the motion of the newer map's keyframes. In the spanning tree, the matched keyframe of
+    the older map becomes the parent of that of the newer map.
 
     Args:
         i: Row of a keyframe of one map.
@@ -246,7 +247,7 @@ def merge_maps(atlas: Atlas, i: int, c: int, T_c_i: FloatArray) -> Move:
 
 
 def _reroot(atlas: Atlas, i: int, parent: int) -> None:
-    """Make keyframe `i` the root of its spanning tree, and give it a parent in another tree."""
+    """Make keyframe `i` the root of its spanning tree, as child of `parent` in another tree."""
     keyframes = atlas.keyframes
     child: int | None = i
     while child is not None:

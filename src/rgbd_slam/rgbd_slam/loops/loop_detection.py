@@ -2,8 +2,8 @@
 
 As in ORB-SLAM3, the place index proposes candidates, RANSAC verifies them, and other keyframes
 must confirm the match. Identical furniture may stand in several places. Therefore the correction
-must also be a possible drift on the path between the two keyframes, and the surroundings must not
-contradict it.
+must also be a possible drift over the path between the two keyframes, and the surroundings must
+not contradict the loop.
 """
 
 from __future__ import annotations
@@ -28,42 +28,45 @@ from rgbd_slam.places.place_finder import Candidate, FoundPlace, PlaceFinder
 
 _logger = logging.getLogger(__name__)
 
-# Not tuned; places_and_loops.md: no false loop with all checks together.
-_AROUND = 10  # neighbors of the matched keyframe whose points confirming keyframes must show
+# Not tuned; with all checks together, no false loop was closed (places_and_loops.md).
+_AROUND = 10  # neighbors of the matched keyframe whose points a confirming keyframe must find
 _MAX_NEIGHBORS = 5  # neighbors of the new keyframe that may confirm the match
-# Largest difference of a confirming keyframe's pose from the expected one: the points of the match
-# move by 3.5 % of their distance (2 degrees) in the median, because errors of depth, and of the
-# position that follows from it, grow with distance.
+# Largest difference between the pose of a confirming keyframe and the expected one: the matched
+# points move by 3.5 % of their distance (2 degrees) in the median, because errors of depth, and of
+# the position that follows from it, grow with distance.
 _SAME_SHARE = 0.035
-# ORB-SLAM3, LoopClosing.cc, NewDetectCommonRegions and older DetectLoop: the latest keyframes are
-# no loop candidates. A late mapper may not have connected them with the new keyframe yet, so that
-# they would be recognized as a loop.
+# The latest keyframes are no loop candidates (ORB-SLAM3, LoopClosing.cc, NewDetectCommonRegions
+# and older DetectLoop). A late mapper may not have connected them with the new keyframe yet, so
+# that they would be taken for a loop.
 _RECENT = 10
-# Chosen: a loop that moves a keyframe by more than this distance or angle could lead to another
-# room that looks the same, or to the other side of a symmetric one, so that the surroundings are
-# compared.
+# Chosen: the surroundings are compared if a loop moves a keyframe by more than this distance or
+# angle: the loop could lead to another room that looks the same, or to the other side of a
+# symmetric one.
 _FAR_M = 0.5
 _FAR_RAD = 0.5
 _CONTRADICTED = 'surroundings: the corrected views contradict the map'
 _NOTHING = np.empty(0, np.int64)
-_SEEN_FROM_M = 6.0  # chosen: largest distance of a camera from a keyframe it matches
-_MAX_UNCONFIRMED = 5  # latest verified matches that later keyframes may confirm
+_SEEN_FROM_M = 6.0  # chosen: largest distance between a camera and a keyframe that it matches
+# Number of verified matches that are kept for confirmation by later keyframes.
+_MAX_UNCONFIRMED = 5
 
-# Chosen: the correction of a loop with a shorter path is mostly the error of the match.
+# Chosen: if the path of a loop is shorter, its correction is mostly the error of the match.
 _MIN_PATH_M = 20.0
-_MIN_LOOPS = 3  # chosen: fewer loops do not show how much the drift varies
-# Chosen: a drift per length of the path is unusual above this multiple of the largest one so far.
+_MIN_LOOPS = 3  # chosen: fewer loops do not reveal how much the drift varies
+# Chosen: a drift per path length is unusual if it is more than this multiple of the largest one so
+# far.
 _USUAL_FACTOR = 5.0
 # Chosen: a drift of up to 0.5 % of the path is usual for every camera.
 _USUAL_SHARE = 0.005
 _USUAL_RAD_PER_M = np.deg2rad(0.05)  # chosen: the same for the rotation
-# Chosen: keyframes that share fewer points are tied loosely. In a blur, before a bare wall or when
-# a gyro bridges images, they share 8 to 40, and the pose was off by up to 0.15 m and 10 degrees
-# after 1.5 s (office of docs/results/hand_held.md). Therefore the camera can have drifted by more.
+# Chosen: keyframes that share fewer points are tied loosely. In blurred images, before a bare wall
+# or when a gyro bridges images, keyframes share 8 to 40 points, and the pose was off by up to 0.15
+# m and 10 degrees after 1.5 s (office of docs/results/hand_held.md). There, the camera can have
+# drifted by more.
 _TIED_SHARED = 50
 _LOOSE_M, _LOOSE_RAD = 0.15, np.deg2rad(10.0)
 # Chosen: places that look alike, such as rooms along a corridor or above each other, are farther
-# apart than this, so that a longer path does not explain such a correction by itself.
+# apart than this. A larger correction is therefore not usual drift, however long the path is.
 _APART_M = 2.0
 
 
@@ -72,29 +75,30 @@ class _Unconfirmed(NamedTuple):
 
     uid: int  # of the keyframe
     map_id: int  # of the matched keyframe
-    T_camera_map: FloatArray  # (4, 4) pose of the keyframe in that map, by the match
+    T_camera_map: FloatArray  # (4, 4) pose of the keyframe in that map, according to the match
 
 
 class DriftLimit:
-    """Learns the drift of the camera from closed loops."""
+    """Limits of the camera's drift, learned from closed loops."""
 
     def __init__(self, config: LoopConfig) -> None:
         self._config = config
-        # Corrections of the long loops closed so far, divided by the length of their path.
+        # Corrections of the long loops closed so far, divided by path length (without unit,
+        # rad/m).
         self._shares: list[float] = []
         self._turns_rad_per_m: list[float] = []
 
     def is_possible(self, path_m: float, turn_rad: float, distance_m: float) -> bool:
-        """Return whether a camera can have drifted by this rotation and distance on a path."""
+        """Return whether a camera can drift by this rotation and distance on such a path."""
         limit = self._config
         max_rad = np.deg2rad(limit.drift_deg + limit.drift_deg_per_m * path_m)
         max_m = limit.drift_m + limit.drift_share * path_m
         return bool(distance_m <= max_m and turn_rad <= max_rad)
 
     def is_usual(self, path_m: float, turn_rad: float, distance_m: float) -> bool:
-        """Return whether a drift is within five times the largest one of the loops so far.
+        """Return whether a drift is at most five times the largest one of the loops so far.
 
-        Before three long loops, it must be usual for every camera. More than 2 m is never usual.
+        Before three long loops, any camera's usual drift is the limit. Over 2 m is never usual.
         """
         factor = _USUAL_FACTOR if len(self._shares) >= _MIN_LOOPS else 0.0
         share = max(_USUAL_SHARE, factor * max(self._shares, default=0.0))
@@ -104,14 +108,14 @@ class DriftLimit:
         return bool(distance_m <= max_m and turn_rad <= max_rad)
 
     def learn(self, path_m: float, turn_rad: float, distance_m: float) -> None:
-        """Learn the correction of a closed loop, unless its path is shorter than 20 m."""
+        """Learn from the correction of a closed loop, unless its path is shorter than 20 m."""
         if _MIN_PATH_M <= path_m < np.inf:
             self._shares.append(distance_m / path_m)
             self._turns_rad_per_m.append(turn_rad / path_m)
 
 
 class LoopDetector:
-    """Detects loops at new keyframes of a map, which it does not change."""
+    """Detects loops at new keyframes; it does not change the map."""
 
     def __init__(self, atlas: Atlas, camera: StereoCamera, config: SlamConfig) -> None:
         self._atlas = atlas
@@ -140,7 +144,7 @@ class LoopDetector:
         return None
 
     def _compare(self, i: int, c: int) -> tuple[PlaceMatch | None, str]:
-        """Return the confirmed match of keyframe `i` with candidate `c`, or None and a reason."""
+        """Return the confirmed match of keyframe `i` with candidate `c`, or None, and a reason."""
         keyframes, path_m = self._atlas.keyframes, path_length_m(self._atlas, c, i)
         match, doubt = self._possible_match(i, c, path_m)
         if match is None:
@@ -180,9 +184,9 @@ class LoopDetector:
         return match, ''
 
     def _is_drift(self, i: int, c: int, path_m: float, turn_rad: float, distance_m: float) -> bool:
-        """Return whether the camera can have drifted so far between two keyframes.
+        """Return whether the camera can have drifted by this much between two keyframes.
 
-        The limit is higher if every path between these leads over loosely tied keyframes.
+        The limit is higher if every path between them contains loosely tied keyframes.
         """
         if self._drift.is_possible(path_m, turn_rad, distance_m):
             return True
@@ -213,10 +217,10 @@ class LoopDetector:
         return count
 
     def _num_confirming_neighbors(self, i: int, c: int, match: PlaceMatch) -> int:
-        """Return how many neighbors of keyframe `i` find the points around the matched keyframe.
+        """Return how many neighbors of keyframe `i` find the points around matched keyframe `c`.
 
-        A neighbor must find them from the pose that follows from the match. Neighbors with a
-        stored match are left out, because `_num_confirming_matches` counts these.
+        A neighbor must find them at the pose that follows from the match. Neighbors with a stored
+        match are left out, because `_num_confirming_matches` counts them.
         """
         keyframes, count = self._atlas.keyframes, 0
         stored = {earlier.uid for earlier in self._unconfirmed}
@@ -232,13 +236,13 @@ class LoopDetector:
         return count
 
     def _expected_pose(self, n: int, i: int, match: PlaceMatch) -> FloatArray:
-        """Return the pose T_camera_map (4, 4) of keyframe `n` if the match of `i` is right."""
+        """Return the pose T_camera_map (4, 4) of keyframe `n` according to the match of `i`."""
         poses = self._atlas.keyframes.T_map_camera
         T_n_i: FloatArray = se3.inverse(poses[n]) @ poses[i]
         return T_n_i @ match.T_camera_map
 
     def _found_share(self, i: int, c: int, match: PlaceMatch, path_m: float) -> tuple[float, str]:
-        """Return the found share of the expected map points, and why the loop is rejected, or ''.
+        """Return the found ratio of expected map points, and why the loop is rejected, or ''.
 
         The drift between different maps is unknown: two maps are merged only if the match has more
         points and the surroundings do not contradict it. Within a map, a correction by 0.5 m or
@@ -272,7 +276,7 @@ class LoopDetector:
 
 
 def are_same_poses(T_camera_map: FloatArray, expected: FloatArray, points_m: FloatArray) -> bool:
-    """Return whether points (N, 3) of the map are at about the same place for two poses (4, 4)."""
+    """Return whether map points (N, 3) are at about the same place for two poses (4, 4)."""
     a_m, b_m = (se3.transform(T, points_m) for T in (T_camera_map, expected))
     moved = np.linalg.norm(a_m - b_m, axis=1) / np.linalg.norm(b_m, axis=1)
     return bool(np.median(moved) < _SAME_SHARE)

@@ -1,8 +1,8 @@
-"""Removes a wrong loop or merge from a map, and undoes what it has changed.
+"""Removes a wrong loop or merge from a map, and undoes its effects.
 
-The loop has bent the map and fused points of two places. These points are split again. The present
-relative poses of connected keyframes are bent, and are therefore measured anew from the points
-that both observe. The remaining loops then determine the map.
+The loop has distorted the map and fused points of two places. These points are split again. The
+relative poses of connected keyframes are distorted too, and are therefore measured again from the
+points that both observe. The remaining loops then determine the map.
 """
 
 from __future__ import annotations
@@ -21,27 +21,29 @@ from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.loop_edge import JOIN, LoopEdge
 from rgbd_slam.optimize.pose_optimizer import PoseProblem, optimize_pose
 
-# As in loop_detection.py: keyframes that are further apart in order of insertion belong to two
-# visits of a place.
+# Keyframes that are further apart in order of insertion belong to two visits of a place, as in
+# loop_detection.py.
 _VISIT = 10
-_MIN_COMMON = 20  # chosen: points with depth from which a relative pose is measured
+# Chosen: least number of points with depth from which a relative pose is measured.
+_MIN_COMMON = 20
 _FAR = 2**40  # more than any number of keyframes
 
 
 class _Parts(NamedTuple):
-    """The keyframes of a map before and after a loop, or those of the two maps of a merge."""
+    """The keyframes of a map in two parts: before and after a loop, or the two merged maps."""
 
     rows: IntArray  # (K,) of the map, in order of insertion
     rank: IntArray  # (capacity,) position of each keyframe in this order
-    is_later: BoolArray  # (capacity,) True: inserted after the loop, or in the merged map
-    # A point that keyframes of both parts observe was fused by the loop if the ranks of these
+    # (capacity,) True: keyframes inserted after the loop, or those of the merged map.
+    is_later: BoolArray
+    # The loop has fused a point that keyframes of both parts observe if the ranks of these
     # keyframes differ by at least this number; 0 for a merge, which has fused all such points.
     min_gap: int
     root: int | None  # row of the first keyframe of the merged map; None for a loop
 
 
 def remove_loop(atlas: Atlas, camera: StereoCamera, number: int, min_shared: int) -> None:
-    """Remove a loop or merge from a map; the two maps of a merge become separate again.
+    """Remove a loop or merge from a map; merged maps become separate again.
 
     Args:
         number: Number of the loop in `atlas.loops`.
@@ -68,7 +70,7 @@ def remove_loop(atlas: Atlas, camera: StereoCamera, number: int, min_shared: int
 
 
 def _parts(atlas: Atlas, edge: LoopEdge) -> _Parts | None:
-    """Return the parts of a map that a loop has connected; None if an end was removed."""
+    """Return the two parts that a loop has connected; None if one of its ends was removed."""
     keyframes = atlas.keyframes
     ends = keyframes.ends_of(edge)
     if ends is None:
@@ -90,13 +92,13 @@ def _parts(atlas: Atlas, edge: LoopEdge) -> _Parts | None:
 def _subtree(atlas: Atlas, i: int) -> list[int]:
     """Return the rows of a keyframe and of its descendants in the spanning tree."""
     rows = [i]
-    for n in rows:  # grows meanwhile
+    for n in rows:  # the list grows in the loop
         rows += atlas.keyframes.children(n).tolist()
     return rows
 
 
 def _split_points(atlas: Atlas, parts: _Parts) -> None:
-    """Let keyframes of the later part observe new points instead of fused ones."""
+    """Create new points for the later part, which it observes instead of fused ones."""
     points, is_later = atlas.points, parts.is_later
     seen = atlas.observations_of(atlas.points_of(parts.rows))
     later, rank = is_later[seen.i], parts.rank[seen.i]
@@ -120,7 +122,7 @@ def _split_points(atlas: Atlas, parts: _Parts) -> None:
 
 
 def _separate_tree(atlas: Atlas, parts: _Parts) -> None:
-    """Give each later keyframe whose parent is in the other part a parent in its own."""
+    """Give each later keyframe whose parent is in the earlier part a parent in the later part."""
     parents = atlas.parents()
     if parts.root is not None:
         atlas.set_parent(parts.root, None)
@@ -136,7 +138,7 @@ def _separate_tree(atlas: Atlas, parts: _Parts) -> None:
 def _measured_pose(
     atlas: Atlas, camera: StereoCamera, a: int, b: int, T_a_b: FloatArray
 ) -> FloatArray:
-    """Measure T_a_b (4, 4) of two keyframes by the points with depth that both observe."""
+    """Return T_a_b (4, 4) of two keyframes, measured by points with depth that both observe."""
     keyframes = atlas.keyframes
     points_a, points_b = keyframes.points_of(a), keyframes.points_of(b)
     _, k_a, k_b = np.intersect1d(points_a, points_b, return_indices=True)

@@ -1,4 +1,4 @@
-"""Matches a map with other maps by several keyframes, because one place may look like another."""
+"""Matching of a map with other maps by several keyframes, because places may look alike."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from rgbd_slam.loops.surroundings import are_same_views
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.places.place_finder import FoundPlace
 
-_ENOUGH = 8  # chosen: matched keyframes of one other map after which no more are searched
-# Chosen: two matches are consistent if they put a keyframe within this distance and angle; the
-# maps may have drifted between them.
+_ENOUGH = 8  # chosen: no more matches with another map are searched after this number
+# Chosen: two matches are consistent if the poses that follow from them differ by less than this
+# distance and angle; the maps may have drifted between them.
 _SAME_M, _SAME_RAD = 1.0, 0.3
-_MAX_ELSEWHERE = 0.25  # chosen: share of the matches that are inconsistent with the others
-# building.md: two drives in one corridor find 0.85 of the expected points of each other, and two
-# floors with 13 and 33 % of their own 0.72 and 0.55.
+_MAX_ELSEWHERE = 0.25  # chosen: largest ratio of matches that are inconsistent with the others
+# Least mean ratio of expected points that are found (building.md): two drives in one corridor find
+# 0.85 of each other's points; two floors with 13 and 33 % of distinct furniture 0.72 and 0.55.
 _MIN_FOUND_SHARE = 0.8
 
 
 class MapFit(NamedTuple):
-    """The largest set of consistent matches between keyframes of a map and another map."""
+    """The largest set of consistent matches between a map's keyframes and another map."""
 
-    i: int  # row of the keyframe whose match has most points
+    i: int  # row of the keyframe whose match has the most points
     place: FoundPlace  # match of this keyframe
-    num_places: int  # different views (`are_same_views`) among the consistent matches
+    num_places: int  # number of different views (`are_same_views`) among the consistent matches
     is_one_place: bool  # whether one of the two maps has only one view
     num_elsewhere: int  # number of matches that would put the map elsewhere
-    found_share: float  # mean share of the expected points that were found
+    found_share: float  # mean ratio of the expected points that were found
 
     @property
     def doubt(self) -> str:
@@ -55,22 +55,22 @@ class _Match(NamedTuple):
 
     @property
     def T_other_map(self) -> FloatArray:  # noqa: N802
-        """Return the transform (4, 4) between the two maps that follows from the match."""
+        """Return the transform (4, 4) between the two maps according to the match."""
         return self.place.match.T_map_camera @ se3.inverse(self.T_map_camera)
 
 
 def map_fits(
     atlas: Atlas, detector: LoopDetector, rows: IntArray, excluded: IntArray
 ) -> list[MapFit]:
-    """Return the fit of a map with each other map that its keyframes match; change nothing.
+    """Return the fit of a map with each other map that its keyframes match.
 
     Args:
         rows: (K,) keyframes of the map.
-        excluded: (N,) keyframes that are no candidates, those of the map included.
+        excluded: (N,) keyframes that are not candidates, including those of the map.
     """
     keyframes = atlas.keyframes
     matches: defaultdict[int, list[_Match]] = defaultdict(list)
-    # All keyframes: first a few that are spread evenly, then those between them.
+    # All keyframes are tried: first a few that are spread evenly, then those between them.
     steps = [1 << n for n in range(len(rows).bit_length(), -1, -1)]
     for i in dict.fromkeys(i for step in steps for i in rows[::step].tolist()):
         place = detector.detect(i, excluded)
@@ -109,7 +109,7 @@ def _agree(a: _Match, b: _Match) -> bool:
 
 
 def _num_views(poses: FloatArray) -> int:
-    """Return the number of poses (N, 4, 4) with views that are different from one another."""
+    """Return the number of different views among poses (N, 4, 4)."""
     is_same = are_same_views(poses, poses)
     chosen: list[int] = []
     for n in range(len(poses)):

@@ -1,4 +1,4 @@
-"""The map of the running SLAM, and the mapper that extends it, in this process or its own.
+"""The map of the running SLAM, and the mapper that extends it, in this process or another.
 
-Steps of mapping are in `local_mapping` and `loops`.
+The steps of mapping are in `local_mapping` and `loops`.
 """

@@ -7,7 +7,7 @@ from rgbd_slam.mapping.mapper import Mapper
 
 
 class InlineMapper(Mapper):
-    """A mapper that completes each request before the call returns: runs are repeatable."""
+    """A mapper that completes each request before the call returns, so that runs repeat."""
 
     queue_length = 0
     waiting_s = 0.0

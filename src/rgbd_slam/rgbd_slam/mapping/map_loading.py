@@ -1,8 +1,8 @@
-"""A saved map that is being loaded: the mapper and the tracker's process restore it in parallel.
+"""Loading of a saved map, which mapper and tracker process restore in parallel.
 
-Another thread of the tracker restores the map from the same temporary file as the mapper, which
-both processes map into memory, so that neither has to send its result to the other. The tracker
-then exchanges its map for the new one at once.
+A thread of the tracker process restores the map from the same temporary file as the mapper. Both
+processes map the file into memory, so that neither has to send its result to the other. The
+tracker then exchanges its map for the new one at once.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from rgbd_slam.records.shared_record import SharedRecord
 
 
 class MapLoading:
-    """A saved map, in the core's map frame, that replaces the running one or is added to it.
+    """A saved map that replaces the running map or is added to it.
 
-    Any thread may make this object and call `restore`. Afterwards `atlas` is the restored map,
-    until the tracker exchanges its contents for those of the running map. A running map that is
-    kept must not change until `restore` has ended. `places` makes the index of the restored map in
-    advance, so that it does not delay the first relocalization (2 s for 10,000 keyframes).
+    Any thread may create this object and call `restore`. Then `atlas` is the restored map, until
+    the tracker exchanges its contents for those of the running map. A running map that is kept
+    must not change before `restore` has ended. `places` creates the index of the restored map in
+    advance, which takes 2 s for 10,000 keyframes, so that the first relocalization is not delayed.
     """
 
     def __init__(
@@ -47,11 +47,11 @@ class MapLoading:
         self._camera, self._running, self._places = camera, running, places
         self._octaves = config.camera.scale_factor, config.camera.num_octaves
         self._shared: SharedRecord[MapState] | None = None
-        with suppress(OSError):  # the state is sent through the pipe instead
+        with suppress(OSError):  # without shared memory, the state is sent through the pipe
             self._shared = SharedRecord(state)
         self.state = state if self._shared is None else self._shared.record
         self.loops, self.made_with = loops, made_with
-        self.first_uid = 0  # of the saved keyframes, which get successive uids
+        self.first_uid = 0  # uid of the first saved keyframe; the others get the next ones
         self._is_restored = Event()
         self.atlas: Atlas | None = None
         self.index: PlaceIndex | None = None
@@ -61,7 +61,7 @@ class MapLoading:
 
     @property
     def uids(self) -> IntArray:
-        """Return the (K,) new uids of the saved keyframes, in the order of the saved map."""
+        """Return the new uids (K,) of the saved keyframes, in the order of the saved map."""
         return self.first_uid + np.arange(len(self))
 
     @property
@@ -93,5 +93,5 @@ class MapLoading:
             self._is_restored.set()
 
     def wait(self, limit_s: float) -> bool:
-        """Wait up to `limit_s` until `restore` has ended or failed; return whether it has."""
+        """Wait up to `limit_s` for the end of `restore`; return whether it has ended or failed."""
         return self._is_restored.wait(limit_s)

@@ -28,24 +28,26 @@ from rgbd_slam.optimize.bundle_adjustment import local_bundle_adjustment
 
 @dataclass(frozen=True, eq=False)
 class KeyframeRequest:
-    """A frame that becomes a keyframe, and the tracker's findings since the last keyframe."""
+    """A frame that becomes a keyframe, and the tracker's statistics since the last keyframe."""
 
     uid: int  # of the new keyframe
-    # Its reference keyframe may be pending. Its points have uids, because rows may be reused.
+    # Its reference keyframe may still be pending. It names points by uid, because rows may be
+    # reused.
     tracked: TrackedFrame
-    counts: PointCounts  # how often points were visible and found since the last keyframe
-    measured_camera: StereoCamera  # the camera with its measured noise
+    # How often points should have been visible and were found since the last keyframe.
+    counts: PointCounts
+    measured_camera: StereoCamera  # the camera model with the measured noise
     moved: IntArray  # (M,) rows of points that turned out to be on moving objects
     moved_uids: IntArray  # (M,) uids of these points
 
 
 class Mapper:
-    """Owns the map and inserts keyframes into it.
+    """Owns the map, inserts keyframes into it, and refines it.
 
     It uses two cameras that differ only in their noise (decision 003). Creating, fusing and
-    culling points hardly depends on the noise and uses the configured camera, and so does loop
+    culling points hardly depends on the noise and uses the configured camera, as does loop
     closing, which measures the noise itself. Local bundle adjustment weights residuals by the
-    noise that the tracker measured. With `background`, global adjustment runs in a separate
+    noise that the tracker has measured. With `background`, global adjustment runs in a separate
     process.
     """
 
@@ -69,8 +71,8 @@ class Mapper:
     def insert(self, request: KeyframeRequest) -> int | None:
         """Insert a keyframe, refine the map around it, close loops, and return the keyframe's row.
 
-        None is returned, and nothing is inserted, if neither the reference keyframe nor an
-        ancestor of it is in the map, or if the pose is invalid (`PoseGuard`).
+        If neither the reference keyframe nor an ancestor of it is in the map, or if the pose is
+        invalid (`PoseGuard`), nothing is inserted, and None is returned.
         """
         i = self._add(request)
         if i is None:
@@ -94,9 +96,9 @@ class Mapper:
     def load(
         self, state: MapState, first_uid: int, *, keep: bool, loops: Sequence[LoopEdge] = ()
     ) -> None:
-        """Load a saved map (`restore`), and index its places if closing loops is switched on."""
+        """Load a saved map (`restore`), and index its places if loop closing is enabled."""
         if not keep:
-            self.close()  # the place index describes the old map
+            self.close()  # the place index is that of the old map
             self.closer = LoopCloser(
                 self.map, self._configured_camera, self._config, background=self._background
             )
@@ -105,7 +107,7 @@ class Mapper:
         self.closer.index_places()
 
     def resume(self, whole: MapChange, loops: LoopCounts) -> None:
-        """Take over the map of a dead mapping process; the map of this mapper must be empty."""
+        """Continue the map of a mapping process that has died; the own map must be empty."""
         self.map.apply(whole)
         self.map.version += 1  # version of later changes
         self.loops = loops
@@ -114,10 +116,10 @@ class Mapper:
         self.closer.adjuster.close()
 
     def _add(self, request: KeyframeRequest) -> int | None:
-        """Add the keyframe to the map and return its row, or None as described at `insert`.
+        """Add the keyframe to the map; return its row, or None as `insert` does.
 
-        Points on moving objects are removed, and the counts of the other points are updated. With
-        few observations, the points around the reference keyframe are searched as well.
+        Points on moving objects are removed, and the statistics of other points are updated. If
+        the keyframe has few observations, points around its reference keyframe are searched too.
         """
         keyframes, points = self.map.keyframes, self.map.points
         tracked = request.tracked
@@ -148,10 +150,10 @@ class Mapper:
         return i
 
     def _match_neighborhood(self, i: int, reference: int) -> None:
-        """Observe points around keyframe `reference` in keyframe `i`.
+        """Search the points around keyframe `reference` in keyframe `i`, and add observations.
 
         If the mapper is late, these points did not exist yet when the tracker searched the frame.
-        Without common points, the keyframe would not be connected with the map.
+        Without common points, keyframe `i` would not be connected with the map.
         """
         around = np.r_[reference, self.map.covisible(reference)]
         fuse(
@@ -163,7 +165,7 @@ class Mapper:
         """Create points from features with depth that observe no point yet.
 
         All such features nearer than `limit_m` become points. If keyframe `i` then has fewer near
-        points than `keyframes.min_new_points`, the nearest of the others fill up this number.
+        points than `keyframes.min_new_points`, the nearest others are added up to it.
         """
         keyframes = self.map.keyframes
         n = int(keyframes.num_features[i])

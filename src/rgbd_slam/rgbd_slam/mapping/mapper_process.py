@@ -1,10 +1,10 @@
-"""The mapper in a separate process: tracking does not wait for keyframes, and shares no lock.
+"""The mapper in a separate process, so that tracking does not wait for it or share a lock.
 
-The reason is GTSAM, which holds Python's interpreter lock for 100 to 250 ms (decision 020). The
-tracker's copy of the map is complete: when the process dies, a new one continues with it. The
-request that the process was working on is lost unless it begins or loads a map, and so is a
-running global adjustment. Requests wait in a queue of the tracker's process, and at most eight are
-sent ahead, so that waiting keyframes can be removed again if the mapper is late (`_thin_out`).
+GTSAM holds Python's interpreter lock for 100 to 250 ms (decision 020). The tracker has a complete
+copy of the map, with which a new process continues if this one dies. The request in progress is
+then lost, unless it starts or loads a map, and so is a running global adjustment. Requests wait in
+a queue of the tracker's process, and at most eight are sent ahead, so that waiting keyframes can
+be dropped if the mapper is late (`_thin_out`).
 """
 
 from __future__ import annotations
@@ -41,17 +41,17 @@ from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.map_change import Redirect
 from rgbd_slam.records.soa_table import DEAD
 
-# Chosen: time limits of many times the usual durations, so that they expire only on a machine that
-# is overloaded.
-_START_S = 30.0  # for the start of the process, which loads its libraries in about 1 s
-_WORK_S = 60.0  # for one request, and for the start of a replacement process before it
+# Chosen: time limits of many times the usual durations, which are exceeded only on an overloaded
+# machine.
+_START_S = 30.0  # start of the process, which loads its libraries in about 1 s
+_WORK_S = 60.0  # one request, and the start of a replacement process before it
 _LOAD_S = 600.0  # for loading the largest map
 # Time limit of the global adjustment at the end, which takes 4.7 s for 309 keyframes
 # (places_and_loops.md). After it, the map is used without the adjustment, and a warning is logged.
-_SETTLE_S = 20.0  # it applies again to an adjustment that was running before
+_SETTLE_S = 20.0  # the limit also applies to an adjustment that was running before
 
-# Chosen: number of requests that are sent to the process at once, so that it need not wait for the
-# next one; and number of requests in the queue above which waiting keyframes are removed.
+# Chosen: number of requests that are sent ahead, so that the process need not wait for the next
+# one; and number of queued requests above which waiting keyframes are dropped.
 _MAX_SENT = 8
 _MAX_QUEUED = 64
 
@@ -59,15 +59,15 @@ _logger = logging.getLogger(__name__)
 
 
 class MapperStoppedError(HoidError):
-    """The mapping process ended for good or does not respond, or a map could not be restored."""
+    """The mapping process has failed or does not respond, or a map could not be restored."""
 
 
 class MapperProcess:
     """The tracker's end of the mapping process: sends keyframes, and updates its copy of the map.
 
-    `worker` is the handle of the process (None: start one), and `clock` a monotonic clock [s].
+    `worker` is the handle of the process (None: start one), and `clock` a monotonic clock in s.
     Methods that receive reports raise MapperStoppedError if the process has ended before it
-    completed a request, if a loaded map could not be restored for the tracker, or if a report is
+    completed any request, if a loaded map could not be restored for the tracker, or if a report is
     late.
     """
 
@@ -82,13 +82,15 @@ class MapperProcess:
     ) -> None:
         self._atlas = atlas
         self.loops = LoopCounts()
-        # Requests that are not completed yet; the first `_num_sent` of them have been sent.
+        # Requests that are not completed; the first `_num_sent` of them have been sent.
         self._queue: deque[Request] = deque()
         self._num_sent = self._num_done = 0
-        self._sent_s = 0.0  # when the first request of the queue became the next to be answered
+        # Time at which the process could begin with the first request of the queue.
+        self._sent_s = 0.0
         self._is_settled = True
         self._loading: MapLoading | None = None
-        self._loaded: Loaded | None = None  # of the map that is being loaded, from the mapper
+        # The mapper's report about the map that is being loaded.
+        self._loaded: Loaded | None = None
         self._clock = clock
         self._worker = worker or ChildWorker('mapper', run_mapper, camera, config)
         try:
@@ -108,12 +110,12 @@ class MapperProcess:
 
     @property
     def queue_length(self) -> int:
-        """Return the number of requests whose completion has not been received yet."""
+        """Return the number of requests that are not known to be completed."""
         return len(self._queue)
 
     @property
     def waiting_s(self) -> float:
-        """Return for how long [s] the process has had the first queued request to work on.
+        """Return for how long (s) the process has been working on the first queued request.
 
         It is 0 if no request is queued.
         """
@@ -121,7 +123,7 @@ class MapperProcess:
 
     @property
     def is_settled(self) -> bool:
-        """Return whether no request is queued and, by the last report, no adjustment runs."""
+        """Return whether no request is queued and, as last reported, no adjustment runs."""
         return self.queue_length == 0 and self._is_settled
 
     def start_map(self, uid: int, frame: Frame, T_map_camera: FloatArray, map_id: int) -> None:
@@ -131,8 +133,8 @@ class MapperProcess:
     def insert(self, request: KeyframeRequest) -> None:
         """Queue a keyframe, which is pending until it is in the tracker's map.
 
-        If the mapper cannot insert it, or if more than 64 requests are queued (`_thin_out`), it is
-        dropped: poses relative to it become relative to its reference keyframe.
+        It is dropped if the mapper cannot insert it, or if too many requests are queued
+        (`_thin_out`). Poses relative to it then become relative to its reference keyframe.
         """
         tracked = request.tracked
         T_reference_camera = se3.orthonormalized(tracked.T_reference_camera)
@@ -145,10 +147,10 @@ class MapperProcess:
         self._append(verdicts)
 
     def begin_load(self, loading: MapLoading) -> None:
-        """Request that a saved map is loaded. Requests that follow apply to the new map.
+        """Request the loading of a saved map; later requests apply to the new map.
 
-        If the running map is kept, the mapper must be settled, so that both processes restore the
-        saved map beside the same running one.
+        If the running map is kept, the mapper must be settled, so that both processes add the
+        saved map to the same running one.
         """
         self._loading = loading
         self._append(loading.request())
@@ -162,29 +164,29 @@ class MapperProcess:
         return self._loading is not None
 
     def update(self) -> None:
-        """Apply the reports that have arrived to the tracker's map; exchange it for a loaded one.
+        """Apply the arrived reports to the tracker's map, or exchange it for a loaded one.
 
-        If the mapper has loaded a map that is not restored for the tracker yet, later reports are
-        left for a later call. A process that has died is replaced.
+        If the mapper has loaded a map that the tracker has not restored yet, later reports wait
+        for a later call. A process that has died is replaced.
         """
         while self._adopt(0.0) and self._worker.has_report:
             self._receive(0.0)
 
     def settle(self) -> None:
-        """Request a final global adjustment (`LoopCloser.settle`); poll `is_settled`."""
+        """Request a final global adjustment (`LoopCloser.settle`); then wait for `is_settled`."""
         self._append(Settle(0.0))
 
     def wait(self, limit_s: float = _WORK_S) -> None:
-        """Wait until all queued requests are completed, up to `limit_s` for each report."""
+        """Wait until all queued requests are completed, at most `limit_s` for each report."""
         while self._queue:
             self._receive(limit_s)
             self._adopt(limit_s)
 
     def finish(self) -> None:
-        """Wait for the end of all requests, and of a final global adjustment as in `settle`.
+        """Wait for the end of all requests and of a final global adjustment (`settle`).
 
-        The process waits up to 20 s for an adjustment that is running, and as long for the final
-        one. If an adjustment is then still running, a warning is logged.
+        The process waits at most 20 s for a running adjustment, and as long for the final one. If
+        an adjustment still runs then, a warning is logged.
         """
         self._append(Settle(_SETTLE_S))
         self.wait()
@@ -206,7 +208,7 @@ class MapperProcess:
         self._send_ahead()
 
     def _send_ahead(self) -> None:
-        """Send requests until the process has eight that are not completed, or all of them."""
+        """Send requests until the process has eight uncompleted ones, or all of them."""
         while self._num_sent < min(_MAX_SENT, len(self._queue)):
             request = self._queue[self._num_sent]
             if isinstance(request, KeyframeRequest):
@@ -217,7 +219,7 @@ class MapperProcess:
             self._worker.send(request)
 
     def _reattached(self, request: KeyframeRequest) -> KeyframeRequest:
-        """Return a request whose reference keyframe the process has, or is about to insert."""
+        """Return a request whose reference keyframe the process has or is about to insert."""
         tracked = request.tracked
         uid, T_reference_camera = tracked.reference_uid, tracked.T_reference_camera
         while self._atlas.keyframes.index_of(uid) is None and uid not in self._atlas.pending:
@@ -230,7 +232,7 @@ class MapperProcess:
         return replace(request, tracked=tracked)
 
     def _thin_out(self) -> None:
-        """Remove every other one of the unsent keyframes from the queue.
+        """Remove every second unsent keyframe from the queue.
 
         The remaining keyframes overlap less, but usually enough to be connected with each other.
         """
@@ -247,7 +249,7 @@ class MapperProcess:
         )
 
     def _receive(self, timeout_s: float) -> None:
-        """Wait for the next report, and apply it; replace a process that has died."""
+        """Wait for the next report and apply it; replace a process that has died."""
         try:
             report = self._worker.receive(timeout_s)
         except ChildEndedError:
@@ -261,7 +263,7 @@ class MapperProcess:
         if isinstance(report, Ready):
             return
         request = self._queue[0] if report.completes_request else None
-        frame = None  # the features of a keyframe are not sent back
+        frame = None  # a keyframe's features are not sent back
         if isinstance(request, Start):
             frame = request.frame
         elif isinstance(request, KeyframeRequest):
@@ -276,10 +278,10 @@ class MapperProcess:
             self._complete_request()
 
     def _adopt(self, limit_s: float) -> bool:
-        """Exchange the tracker's map for the loaded one, if the mapper has loaded it.
+        """Exchange the tracker's map for a loaded map, once the mapper has loaded it too.
 
-        Waits up to `limit_s` until the map is restored for the tracker. Returns whether further
-        reports may be applied to the tracker's map: False while a loaded map is not restored yet.
+        Wait up to `limit_s` until the map is restored for the tracker. Return whether further
+        reports may be applied: False while a loaded map is not restored yet.
         """
         loaded, loading = self._loaded, self._loading
         if loaded is None or loading is None:
@@ -298,14 +300,14 @@ class MapperProcess:
         self._num_done += 1
         self._sent_s = self._clock()
         if isinstance(request, KeyframeRequest):
-            self._atlas.drop_pending(request.uid)  # if the mapper could not insert it
+            self._atlas.drop_pending(request.uid)  # in case the mapper could not insert it
         self._send_ahead()
 
     def _restart(self) -> None:
-        """Replace the process, and let the new one continue with the tracker's copy of the map.
+        """Replace the process; the new one continues with the tracker's copy of the map.
 
-        The request that the process was working on is not sent again, because it may be the reason
-        of the failure. Exceptions are `Start` and `Load`, without which a map would be missing.
+        The request in progress is not sent again, because it may have caused the failure, except
+        `Start` and `Load`, without which a map would be missing.
         """
         if self._num_done == 0:
             self._give_up()

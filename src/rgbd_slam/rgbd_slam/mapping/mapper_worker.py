@@ -1,7 +1,7 @@
-"""The mapping process: it receives keyframes and sends back the rows of the map that changed.
+"""The mapping process, which receives keyframes and sends back the changed rows of the map.
 
-It ends when the pipe from the tracker closes, after the request that it is working on. It ends as
-well if the tracker is killed.
+It ends after the request in progress when the pipe from the tracker closes, also because the
+tracker was killed.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from rgbd_slam.model.map_change import MapChange
 from rgbd_slam.model.map_state import MapState
 from rgbd_slam.records.shared_record import RecordLocation
 
-_NICE = 5  # lower priority than tracking, which does not wait for the mapper (decision 016)
-_IDLE_S = 0.2  # chosen: how often an idle mapper polls its background adjustment for a result
+_NICE = 5  # priority below tracking, which does not wait for the mapper (decision 016)
+_IDLE_S = 0.2  # chosen: period in which an idle mapper polls its background adjustment
 
 
 class Start(NamedTuple):
@@ -44,16 +44,16 @@ class Resume(NamedTuple):
 class Settle(NamedTuple):
     """Request: repeat the last global adjustment if the map has grown; see `LoopCloser.settle`."""
 
-    limit_s: float  # time to wait for the end of a running adjustment, and again for this one
+    limit_s: float  # limit of the wait for a running adjustment, and then for this one
 
 
 class Load(NamedTuple):
     """Request: load a saved map."""
 
     state: MapState | RecordLocation  # the saved map, or its location in shared memory
-    first_uid: int  # uid of its first keyframe; the others get the next ones
+    first_uid: int  # uid of the first saved keyframe; the others get the next ones
     keep: bool  # True: keep the running map beside it; False: discard the running map
-    loops: tuple[LoopEdge, ...]  # its loop edges, between rows of the saved map
+    loops: tuple[LoopEdge, ...]  # loop edges, between rows of the saved map
 
 
 Request = Start | Load | Resume | Settle | KeyframeRequest | FeatureVerdicts
@@ -66,27 +66,26 @@ class Ready(NamedTuple):
 class Loaded(NamedTuple):
     """In a report: the mapper has loaded a saved map, which the tracker restores itself."""
 
-    version: int  # version of the new map; the tracker needs later changes only
-    # Offset from the tracker's uids of points, which count from 0, to those of the mapper. It is 0
-    # if the running map was kept, because both processes then continue its uids.
+    version: int  # version of the new map, after which the tracker needs all changes
+    # Offset from the tracker's uids of points, which count from 0, to the mapper's. It is 0 if the
+    # running map was kept, because both processes then continue its uids.
     uid_offset: int
 
 
 class MapperReport(NamedTuple):
     """Report: the changes of the map since the last report.
 
-    It is sent after each request, and between requests when a background adjustment has failed or
-    the mapper has applied its result.
+    It is sent after each request, and also when a background adjustment was applied or failed.
     """
 
     change: MapChange | Loaded  # `Loaded` after a `Load`
-    loops: LoopCounts  # the numbers of loops and merges so far
-    completes_request: bool  # False: the report follows from a background adjustment
-    is_settled: bool  # whether no adjustment is running in the background
+    loops: LoopCounts  # numbers of loops and merges so far
+    completes_request: bool  # False: the report is about a background adjustment
+    is_settled: bool  # whether no background adjustment is running
 
 
 class MapperServer:
-    """Carries out the requests of a tracker with a mapper, in the process that calls it.
+    """Carries out a tracker's requests with a mapper, in the process that calls it.
 
     With `background`, global adjustment runs in a separate process.
     """
@@ -109,7 +108,7 @@ class MapperServer:
                 mapper.closer.settle(limit_s)
             case Resume(whole, loops):
                 mapper.resume(whole, loops)
-                self._version = whole.version  # the tracker has this map already
+                self._version = whole.version  # the tracker has this version already
             case Load(state, first_uid, keep, loops):
                 state = state.map() if isinstance(state, RecordLocation) else state
                 mapper.load(state, first_uid, keep=keep, loops=loops)
@@ -120,7 +119,7 @@ class MapperServer:
         return self._report(completes_request=True, has_features=has_features)
 
     def poll(self) -> MapperReport | None:
-        """Apply a background adjustment that has ended, and report it; None: none has ended."""
+        """Apply a finished background adjustment and report it; None if none has finished."""
         was_adjusting = self._mapper.closer.adjuster.is_running
         is_applied = self._mapper.closer.adjuster.poll()
         has_ended = was_adjusting and not self._mapper.closer.adjuster.is_running
@@ -147,7 +146,7 @@ class MapperServer:
 def run_mapper(
     requests: Connection, reports: Connection, camera: StereoCamera, config: SlamConfig
 ) -> None:
-    """Serve requests until a pipe closes; the main function of the process."""
+    """Serve requests until a pipe closes; this is the main function of the process."""
     os.nice(_NICE)
     server = MapperServer(camera, config)
     try:
@@ -158,6 +157,6 @@ def run_mapper(
             if report is not None:
                 reports.send(report)
     except (EOFError, BrokenPipeError, ConnectionResetError):
-        pass  # the tracker has ended or was killed, even while this process was starting
+        pass  # the tracker has ended or was killed, maybe while this process was starting
     finally:
         server.close()

@@ -1,4 +1,4 @@
-"""The map of the running SLAM: grows by keyframes, is read in the map frame, saved and loaded."""
+"""The map of the running SLAM: grows by keyframes, is saved and loaded, has a z-up map frame."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ from rgbd_slam.store.tables import MapHeader
 
 @dataclass(frozen=True)
 class SlamStats:
-    """The size of the main map (the one with most keyframes), and numbers since the start."""
+    """Size of the main map (the one with most keyframes), and counts since the start."""
 
-    # Of the main map; before the first keyframe is inserted, the number of pending keyframes.
+    # In the main map; before the first keyframe is inserted, the number of pending keyframes.
     num_keyframes: int
-    num_map_points: int  # of the main map
-    # More than one after a loss, or after a saved map was loaded beside the running one, until the
-    # maps are merged.
+    num_map_points: int  # in the main map
+    # More than one after tracking was lost, or after a saved map was loaded beside the running
+    # one, until the maps are merged.
     num_maps: int = 0
     num_loops: int = 0
     num_merges: int = 0
@@ -57,14 +57,14 @@ class MapPoses(NamedTuple):
 
     map_id: int | None  # id of the main map; None: it is the only map
     stamps_ns: IntArray  # (K,)
-    is_loaded: BoolArray  # (K,) whether the keyframe is from a saved map
+    is_loaded: BoolArray  # (K,) whether the keyframe comes from a saved map
     T_core_camera: FloatArray  # (K, 4, 4) in the core's map frame
 
 
 class CopiedPoints(NamedTuple):
-    """Copied positions of R successive rows of the table of map points."""
+    """Copied positions of R successive rows of the map point table."""
 
-    position_m: Float32Array  # (R, 3) in the core's map frame; without meaning if not shown
+    position_m: Float32Array  # (R, 3) in the core's map frame; arbitrary where not shown
     is_shown: BoolArray  # (R,) whether the row holds a point of the map to be shown
     is_last: bool  # True: these are the last rows of the table
 
@@ -72,12 +72,12 @@ class CopiedPoints(NamedTuple):
 class SlamMap:
     """The map of the running SLAM with the mapper that extends it.
 
-    `atlas` has its tables in the core's map frame, the optical frame of the first camera pose;
-    methods return poses and points in the robot's map frame (REP 105, z up). With a mapper in a
-    process of its own (`background`), `atlas` is the tracker's copy. It changes during `insert`,
-    `update`, `finish` and `load` only, so that the caller decides between which two images it
-    changes. These methods raise MapperStoppedError if the process has ended for good or does not
-    respond, or if a saved map could not be restored.
+    `atlas` has its tables in the core's map frame, the optical frame at the first camera pose;
+    methods return poses and points in the robot's map frame (REP 105, z up). With a mapper in
+    another process (`background`), `atlas` is the tracker's copy. It changes only in `insert`,
+    `update`, `finish` and `load`, so that the caller decides between which images it changes.
+    These methods raise MapperStoppedError if the process has failed or does not respond, or if a
+    saved map could not be restored.
     """
 
     def __init__(
@@ -95,15 +95,18 @@ class SlamMap:
             if background
             else InlineMapper(self.stereo, self.atlas, config)
         )
-        self.is_growing = True  # False: localization, no keyframe is inserted
-        self.session = secrets.token_hex(8)  # name of the map, a new one when it is replaced
-        self.has_changed = False  # True: in a way `consume_change` cannot detect
-        self._last_state: object = None  # at the last `consume_change`
+        self.is_growing = True  # False: localization, in which no keyframe is inserted
+        # Name of the map; a map that replaces it gets a new one.
+        self.session = secrets.token_hex(8)
+        # True: the map has changed in a way that `consume_change` cannot detect.
+        self.has_changed = False
+        self._last_state: object = None  # state of the map at the last `consume_change`
         self._loading: MapLoading | None = None
         self._on_loaded: Callable[[], None] = _ignore
-        self.on_replaced: Callable[[], None] = _ignore  # called when a saved map has replaced it
-        self._next_map_id = 0  # the id of a map that was merged into another is not used again
-        self._next_uid = 0  # of a keyframe
+        # Called when a saved map has replaced the running map.
+        self.on_replaced: Callable[[], None] = _ignore
+        self._next_map_id = 0  # id of the next map; the id of a merged map is not used again
+        self._next_uid = 0  # uid of the next keyframe
 
     @property
     def is_empty(self) -> bool:
@@ -112,7 +115,7 @@ class SlamMap:
 
     @property
     def takes_keyframes(self) -> bool:
-        """Return whether keyframes may be inserted: not while the map is about to be replaced."""
+        """Return whether keyframes may be inserted: not in localization, nor before a new map."""
         is_leaving = self._loading is not None and not self._loading.keeps_running
         return self.is_growing and not is_leaving
 
@@ -123,7 +126,7 @@ class SlamMap:
     # ---- growing
 
     def start(self, frame: Frame, T_map_camera: FloatArray) -> int:
-        """Start another map beside the existing ones and return the uid of its first keyframe."""
+        """Start another map beside the existing ones; return the uid of its first keyframe."""
         uid = self.reserve_uids(1)
         self.mapper.start_map(uid, frame, T_map_camera, self._next_map_id)
         self._next_map_id += 1
@@ -132,7 +135,7 @@ class SlamMap:
     def reserve_uids(self, count: int) -> int:
         """Reserve `count` successive uids for new keyframes, and return the first of them.
 
-        Keyframes get their uids before the mapper inserts them, so that frames can refer to them.
+        A keyframe gets its uid before the mapper inserts it, so that frames can refer to it.
         """
         self._next_uid += count
         return self._next_uid - count
@@ -143,14 +146,14 @@ class SlamMap:
         self.update()
 
     def update(self) -> None:
-        """Apply the changes that the mapper has finished, without waiting for unfinished ones."""
+        """Apply the changes that the mapper has finished, without waiting for others."""
         self.mapper.update()
         self.recorder.redirect(self.atlas.redirects.take())
         if self._loading is not None and not self.mapper.is_loading:
             self._use_loaded(self._loading)
 
     def finish(self) -> None:
-        """Wait for all keyframes and for a final global adjustment, within its time limit."""
+        """Wait for all keyframes and for a final global adjustment, up to its time limit."""
         self.mapper.finish()
         self.update()
 
@@ -171,7 +174,7 @@ class SlamMap:
         )
 
     def consume_change(self) -> bool:
-        """Return whether the map has changed since the last call; True at the first call."""
+        """Return whether the map has changed since the last call; True for the first call."""
         atlas = self.atlas
         sizes = len(atlas.keyframes), len(atlas.points), len(atlas.pending)
         state = atlas.version, sizes, self.mapper.loops  # each applied report has a new version
@@ -181,16 +184,16 @@ class SlamMap:
 
     @property
     def pose_version(self) -> tuple[str, int, bytes]:
-        """Return a value that differs after each change of a keyframe's pose in the map frame."""
+        """Return a value that changes whenever a keyframe's pose in the map frame changes."""
         return self.session, self.atlas.version, self.frames.T_map_core.tobytes()
 
     def keyframes(self) -> KeyframePoses:
-        """Return the keyframe poses of all maps; only the main map is in the map frame."""
+        """Return the keyframe poses of all maps; those of the main map are in the map frame."""
         poses = keyframe_poses(self.atlas)
         return poses._replace(T_map_camera=self.frames.T_map_core @ poses.T_map_camera)
 
     def points_m(self) -> FloatArray:
-        """Return the (N, 3) points [m] of the main map."""
+        """Return the points (N, 3) in m of the main map, in the map frame."""
         points = self.atlas.points
         is_main = points.map_id == main_map(self.atlas.keyframes)
         position_m = points.position_m[points.alive & is_main]
@@ -210,11 +213,11 @@ class SlamMap:
         )
 
     def copy_points(self, map_id: int | None, first: int, count: int) -> CopiedPoints:
-        """Copy `count` rows of the table of points from `first` on, up to the last shown point.
+        """Copy up to `count` rows of the point table from `first` on, to the last shown point.
 
-        A large map is copied part by part between images, because copying it at once would delay
-        an image. `shown_points_m` converts the copy, in any thread. Shown are the points of the
-        map with the id `map_id`; None: of all maps.
+        A large map is copied in parts between images, because copying it at once would delay an
+        image. Points of the map with id `map_id` are shown; None: of all maps. `shown_points_m`
+        converts the copy, in any thread.
         """
         points, rows = self.atlas.points, slice(first, first + count)
         is_shown = points.uid[rows] != DEAD
@@ -228,7 +231,7 @@ class SlamMap:
         )
 
     def path_of(self, poses: MapPoses) -> Trajectory:
-        """Return T_map_base at the keyframes of this session since the stamps last jumped back."""
+        """Return T_map_base at this session's keyframes since the stamps last went back."""
         is_own = ~poses.is_loaded
         path = current_pass(Trajectory(poses.stamps_ns[is_own], poses.T_core_camera[is_own]))
         T_map_base = self.frames.T_map_core @ path.T_world_camera @ self.frames.T_camera_base
@@ -239,30 +242,31 @@ class SlamMap:
         return self.frames.T_map_core @ poses.T_core_camera
 
     def shown_points_m(self, rows: CopiedPoints) -> Float32Array:
-        """Return the (N, 3) shown points [m] of copied rows."""
+        """Return the shown points (N, 3) in m of copied rows, in the map frame."""
         T_map_core = self.frames.T_map_core.astype(np.float32)
         shown_m = rows.position_m.take(np.flatnonzero(rows.is_shown), axis=0)
         return shown_m @ T_map_core[:3, :3].T + T_map_core[:3, 3]
 
     def trajectory(self, kind: str) -> Trajectory:
-        """Return the camera poses T_map_camera of a kind: `final`, `online` or `keyframes`.
+        """Return the camera trajectory T_map_camera of a kind: `final`, `online` or `keyframes`.
 
-        Online poses are those that were estimated when the images arrived. Final poses follow from
-        the present map; call `finish` before. Raises ConfigError for another kind, and InputError
-        if the file of old poses cannot be read.
+        Online poses were estimated when the images arrived. Final poses follow from the present
+        map; call `finish` before. ConfigError for another kind; InputError if the file with old
+        poses cannot be read.
         """
         return Trajectory.joined(self.trajectory_parts(kind))
 
     def trajectory_parts(self, kind: str) -> Iterator[Trajectory]:
-        """Return the poses of `trajectory` in parts that any thread may iterate over."""
-        # An adjustment before final poses are read moves keyframes but changes no numbers.
+        """Return the trajectory of a kind in parts, over which any thread may iterate."""
+        # An adjustment before final poses are read moves keyframes, but changes none of the
+        # counts.
         self.has_changed |= kind == 'final'
         return map(self.frames.cameras, self.recorder.parts(kind))
 
     # ---- saving and loading
 
     def export(self) -> MapFile:
-        """Copy the map for a file (0.04 ms per keyframe). Raises ConfigError if it is empty."""
+        """Return a copy of the map for a file (0.04 ms per keyframe); ConfigError if empty."""
         atlas = self.atlas
         if len(atlas.keyframes) == 0:
             raise ConfigError('nothing has been mapped yet: there is nothing to save')
@@ -276,21 +280,21 @@ class SlamMap:
         return MapHeader(self._camera, *self._octaves, T_map_core, self.session, stamp_ns)
 
     def check_extendable(self) -> None:
-        """Raise MapFileError if the camera differs too much from that of the map to extend it."""
+        """Raise MapFileError if the camera differs too much from the map's to extend the map."""
         check_extendable(self._made_with, self._camera)
 
     def prepare_load(
         self, content: MapFile, *, keep: bool = False, extend: bool = True
     ) -> MapLoading:
-        """Prepare a saved map for `begin_load`. Any thread may call this.
+        """Prepare a saved map for `begin_load`, in any thread.
 
-        From now on, the map frame is not leveled, because it becomes that of the saved map.
+        The map frame is not leveled any more, because it becomes that of the saved map.
 
         Args:
             content: The saved map.
             keep: True: continue in the running map until a place of the saved map is recognized.
                 False: discard the running map, and relocalize the camera in the saved map.
-            extend: Whether the map will be extended, and not only localized in.
+            extend: True: the map will be extended; False: only localization.
 
         Raises:
             MapFileError: The octaves of the features differ, or the camera differs too much to
@@ -309,11 +313,11 @@ class SlamMap:
         )
 
     def begin_load(self, loading: MapLoading, on_loaded: Callable[[], None]) -> None:
-        """Begin to load a saved map, and continue in the running one meanwhile.
+        """Start loading a saved map, while the running one continues.
 
-        Another thread must call `loading.restore`; a later `update` then exchanges the maps,
+        Another thread must call `loading.restore`. A later `update` then exchanges the maps
         between two images, and calls `on_loaded`. A mapper in this process needs no other thread.
-        If the running map is kept, the mapper must be settled; otherwise the running map gets no
+        The mapper must be settled if the running map is kept; otherwise the running map gets no
         new keyframes.
         """
         loading.first_uid = self.reserve_uids(len(loading))
@@ -321,9 +325,9 @@ class SlamMap:
         self.mapper.begin_load(loading)
 
     def load(self, content: MapFile, *, extend: bool = True) -> IntArray:
-        """Replace the map by a saved one, and return the (K,) uids of its keyframes.
+        """Replace the map by a saved one; return the uids (K,) of its keyframes.
 
-        If it raises MapFileError (`prepare_load`), the running map is unchanged.
+        MapFileError if the saved map does not fit (`prepare_load`); the running one then stays.
         """
         loading = self.prepare_load(content, extend=extend)
         self.finish_load(loading)

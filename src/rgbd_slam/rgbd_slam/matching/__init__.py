@@ -1,4 +1,4 @@
 """Matching of features with map points: search windows, local maps and Hamming distances.
 
-No module of this package changes a pose or the map.
+The modules of this package change neither poses nor the map.
 """

@@ -1,4 +1,4 @@
-"""Tests whether something in front of a lost camera, such as a person, hides the map."""
+"""Test whether something in front of a lost camera, such as a person, hides the map."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from rgbd_slam.model.frame import Frame, StereoCamera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.tracked_frame import TrackedFrame
 
-_CELL_PX = 80.0  # chosen: side of the cells of the image in which depths are compared
-# Chosen: a surface hides a map point if the point is farther away than the surface by more than a
-# quarter. The motion of a camera between two images changes depths by less.
+_CELL_PX = 80.0  # chosen: side of the image cells in which depths are compared
+# Chosen: a surface hides a map point if the point's depth is more than 1.25 times that of the
+# surface. The camera motion between two images changes depths by less.
 _HIDDEN_RATIO = 1.25
-_COVERED_SHARE = 0.5  # chosen: share of the map points in view that are hidden in a covered view
+# Chosen: a view is covered if more than this ratio of the map points in view is hidden.
+_COVERED_SHARE = 0.5
 
 
 def is_view_covered(
     atlas: Atlas, camera: StereoCamera, frame: Frame, last: TrackedFrame, max_keyframes: int
 ) -> bool:
-    """Return whether a surface in a lost frame hides most map points in view of the last pose."""
+    """Return whether a lost frame shows a surface that hides most map points in the last view."""
     T_camera_map, seen = last.current_pose(atlas), last.current_points(atlas)
     local_map = find_local_map(atlas, seen[seen != NO_POINT], last.reference_uid, max_keyframes)
     view = visible_points(atlas, camera, T_camera_map, local_map.points, radius=1.0)
@@ -41,7 +42,7 @@ def is_view_covered(
 
 
 def _cells(camera: StereoCamera, pixels: FloatArray) -> IntArray:
-    """Return the (N,) indices of the image cells of (2, N) pixels."""
+    """Return the index (N,) of the image cell of each pixel (2, N)."""
     left, top, right, _ = camera.bounds_px
     column, row = np.maximum((pixels - np.array([[left], [top]])) // _CELL_PX, 0.0)
     return np.asarray(row * np.ceil((right - left) / _CELL_PX + 1) + column, np.int64)

@@ -1,4 +1,4 @@
-"""An index over the features of one frame, for searches in windows around pixels."""
+"""An index of the features of a frame, for searches in windows around pixels."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ import numpy as np
 from hoid_common.values import FloatArray, IntArray
 from rgbd_slam.model.frame import Frame
 
-_BAND_PX = 16.0  # not tuned: height of the bands of rows that features are sorted into
-_ROW_PX = 65536.0  # chosen: longer than any row of an image, so that bands do not overlap
+_BAND_PX = 16.0  # not tuned: height of the bands of rows by which features are sorted
+# Chosen: more than the width of any image, so that keys of different bands do not overlap.
+_ROW_PX = 65536.0
 
 
 class FeatureGrid:
-    """Features sorted by band of rows, then by column.
+    """Features sorted by band of image rows, then by column.
 
-    The features that a window covers in one band are then a slice, which `searchsorted` finds for
-    all windows at once.
+    In each band, the features in a window are a slice, which `searchsorted` finds for all windows
+    at once.
     """
 
     def __init__(self, frame: Frame) -> None:
@@ -27,7 +28,7 @@ class FeatureGrid:
         self._uv = np.ascontiguousarray(frame.measurement_px[self._order, :2].T)
 
     def search(self, uv_px: FloatArray, radius_px: FloatArray) -> tuple[IntArray, IntArray]:
-        """Return the (C,) windows and (C,) features of all pairs of a window and a feature in it.
+        """Return windows (C,) and features (C,) of all pairs of a window and a feature in it.
 
         Args:
             uv_px: (2, Q) centers of the windows.
@@ -51,7 +52,7 @@ class FeatureGrid:
 
 
 def _ranges(counts: IntArray) -> IntArray:
-    """Return the concatenation of arange(count) for all counts."""
+    """Return arange(count) for each count, concatenated."""
     ends = np.cumsum(counts)
     total = int(ends[-1]) if len(ends) else 0
     out: IntArray = np.arange(total) - np.repeat(ends - counts, counts)

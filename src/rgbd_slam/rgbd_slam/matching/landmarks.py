@@ -1,4 +1,4 @@
-"""The landmarks of a frame: map points, and depth measurements of the last frame."""
+"""The landmarks of a frame: map points, or depth measurements of the last frame."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class Landmarks(NamedTuple):
 
     point: IntArray  # (N,) row of the map point; NO_POINT for a depth measurement
     position_m: FloatArray  # (N, 3) in the map frame
-    octave: ByteArray  # (N,) of the feature from which the landmark was taken
+    octave: ByteArray  # (N,) octave of the feature from which the landmark was taken
     angle_deg: Float32Array  # (N,) angle of the same feature
-    descriptors: ByteArray  # (N, 32) of the map point, or of the feature with depth
+    descriptors: ByteArray  # (N, 32) descriptor of the map point, or of the feature with depth
 
     def select(self, keep: BoolArray) -> Landmarks:
         return Landmarks._make(column[keep] for column in self)
@@ -41,9 +41,9 @@ class Landmarks(NamedTuple):
 
 
 class Correspondences(NamedTuple):
-    """M features of a frame and the landmarks they observe; no feature occurs twice."""
+    """M features of a frame, each with the landmark that it observes; no feature occurs twice."""
 
-    k: IntArray  # (M,) features
+    k: IntArray  # (M,) indices of features
     point: IntArray  # (M,) rows of map points, or NO_POINT
     position_m: FloatArray  # (M, 3) in the map frame
 
@@ -56,12 +56,12 @@ class Correspondences(NamedTuple):
 
     @property
     def points(self) -> IntArray:
-        """Return the rows of the observed map points, without depth measurements."""
+        """Return the rows of the observed map points; depth measurements are left out."""
         return np.asarray(self.point[self.point != NO_POINT])
 
 
 def landmarks_of_frame(last: TrackedFrame, atlas: Atlas) -> Landmarks:
-    """Return the map points that a tracked frame observed and that still exist."""
+    """Return those map points that a tracked frame observed and that still exist."""
     points = last.current_points(atlas)
     k = np.flatnonzero(points != NO_POINT)
     j, table = points[k], atlas.points
@@ -88,10 +88,10 @@ def landmarks_of_keyframe(atlas: Atlas, i: int) -> Landmarks:
 
 
 def temporal_landmarks(last: TrackedFrame, atlas: Atlas, camera: StereoCamera) -> Landmarks:
-    """Return depth measurements of a tracked frame, at features that may still create a point.
+    """Return the depth measurements of a tracked frame at features that may create a point.
 
     ORB-SLAM3 calls them temporal points (Tracking.cc, UpdateLastFrame). They help to track the
-    next frame where the map has few points, and are discarded afterwards.
+    next frame where the map has few points, and are then discarded.
     """
     frame = last.frame
     observes_none = last.current_points(atlas) == NO_POINT
@@ -113,10 +113,10 @@ def match_near_projections(
     radius_px: FloatArray,
     max_hamming: int,
 ) -> Matches:
-    """Return one-to-one matches of N landmarks with features in windows around projections (3, N).
+    """Match N landmarks one to one with features in windows around their projections (3, N).
 
     `radius_px` (N,) are half sides of the windows. The octave of a feature may differ by one from
-    that of the landmark. Matches whose features have turned by an unusual angle are left out.
+    that of the landmark. Matches are left out if the angle between both features is unusual.
     """
     octave = landmarks.octave.astype(np.int8)
     queries = Queries(

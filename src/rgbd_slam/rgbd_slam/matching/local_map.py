@@ -1,4 +1,4 @@
-"""The local map of a frame: the map points that it may show, and their predicted projections."""
+"""The local map of a frame: the map points that it may show, with predicted projections."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from rgbd_slam.matching.matching import Queries
 from rgbd_slam.model.atlas import Atlas
 from rgbd_slam.model.frame import StereoCamera, to_camera
 
-# Factor by which a point may be nearer or farther than the distances at which some octave detects
-# it: one octave. ORB-SLAM3 has 0.8 and 1.2 (MapPoint.cc, GetMinDistanceInvariance and
-# GetMaxDistanceInvariance).
+# Margin of the range of distances in which some octave detects a point, as a factor: one octave.
+# ORB-SLAM3 has 0.8 and 1.2 (MapPoint.cc, GetMinDistanceInvariance and GetMaxDistanceInvariance).
 _RANGE_MARGIN = 1.2
-_MIN_VIEW_COSINE = 0.5  # ORB-SLAM3, Tracking.cc, SearchLocalPoints: at most 60 degrees off
-# ORB-SLAM3, ORBmatcher.cc, RadiusByViewingCos: search windows of points seen nearly from the mean
-# direction (3.6 degrees), and of others [px in octave 0].
+# At most 60 degrees from the mean viewing direction (ORB-SLAM3, Tracking.cc, SearchLocalPoints).
+_MIN_VIEW_COSINE = 0.5
+# Half sides of the search windows (px in octave 0) of points that are seen from their mean viewing
+# direction, within 3.6 degrees, and of others (ORB-SLAM3, ORBmatcher.cc, RadiusByViewingCos).
 _FRONTAL_COSINE = 0.998
 _FRONTAL_RADIUS_PX = 2.5
 _OBLIQUE_RADIUS_PX = 4.0
@@ -27,17 +27,18 @@ _OBLIQUE_RADIUS_PX = 4.0
 class LocalMap(NamedTuple):
     """The reference keyframe of a frame, and the map points that the frame may show."""
 
-    reference_uid: int  # the keyframe that shares most points with the frame, if one shares any
+    reference_uid: int  # the keyframe that shares most points with the frame; else the last one
     points: IntArray  # (P,) rows
 
 
 def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit: int) -> LocalMap:
-    """Return the points of the keyframes that share most observed points with a frame.
+    """Return the points of the up to `limit` keyframes that share most points with a frame.
 
-    Candidates are the last reference keyframe, or its nearest ancestor in the map, and its
-    covisible keyframes, whatever the size of the map. Without any, the local map is empty. If no
-    candidate observes any of the points `seen`, all keyframes that do are candidates. If no
-    keyframe does, the local map has the points of the reference keyframe only.
+    Candidates are the last reference keyframe, or its nearest ancestor in the map, and the
+    keyframes covisible with it, so that time does not depend on the map's size. Without an
+    ancestor in the map, the local map is empty. If no candidate observes any of the points `seen`,
+    all keyframes are candidates. If none of these does, only the reference keyframe's points are
+    used.
     """
     anchor = atlas.anchor(last_reference_uid)
     if anchor is None or anchor.row is None:
@@ -57,14 +58,14 @@ def find_local_map(atlas: Atlas, seen: IntArray, last_reference_uid: int, limit:
 
 
 class VisiblePoints(NamedTuple):
-    """V map points that a camera should see, and the queries that search for these points."""
+    """V map points that a camera should see, and the queries with which to search for them."""
 
     points: IntArray  # (V,) rows
     queries: Queries
 
 
 def _predict_octave(atlas: Atlas, points: IntArray, distance_m: FloatArray) -> IntArray:
-    """Return the (N,) octaves in which points at the given distances should be detected.
+    """Return the octave (N,) in which each point should be detected at a distance (N,).
 
     ORB-SLAM3, MapPoint.cc, PredictScale.
     """
@@ -77,11 +78,11 @@ def _predict_octave(atlas: Atlas, points: IntArray, distance_m: FloatArray) -> I
 def visible_points(
     atlas: Atlas, camera: StereoCamera, T_camera_map: FloatArray, points: IntArray, radius: float
 ) -> VisiblePoints:
-    """Return the points that a camera should see, and the queries that search for them.
+    """Return the points that a camera should see, and the queries with which to search for them.
 
     A point is visible if it projects into the image, at a distance at which some octave can detect
     it, and is seen from a direction similar to those of its keyframes (ORB-SLAM3, Frame.cc,
-    isInFrustum). `radius` is a factor on the search windows of ORB-SLAM3. Rows are selected by
+    isInFrustum). `radius` is a factor on the search windows of ORB-SLAM3. The code selects rows by
     `take`, which is several times as fast as masks.
     """
     table = atlas.points
@@ -110,7 +111,7 @@ def visible_points(
 
 
 def _dot(a: FloatArray, b: FloatArray | Float32Array) -> FloatArray:
-    """Return the (N,) dot products of rows of two (N, 3) arrays, faster than by a sum."""
+    """Return the dot products (N,) of the rows of two arrays (N, 3), faster than by a sum."""
     return np.asarray(np.einsum('ni,ni->n', a, b))
 
 

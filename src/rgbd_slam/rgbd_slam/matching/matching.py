@@ -1,4 +1,4 @@
-"""Matching of map points with features: by predicted projections, or by descriptors alone."""
+"""Matching of map points with features, near predicted projections or by descriptors alone."""
 
 from __future__ import annotations
 
@@ -13,41 +13,41 @@ from hoid_common.values import BoolArray, ByteArray, Float32Array, FloatArray, I
 from hoid_native import Candidates, MatchThreshold, QueryConstraints
 from rgbd_slam.model.frame import Frame
 
-_NUM_NEAREST = 2  # the best and the second best candidate of a query, for the ratio test
-# ORB-SLAM3, ORBmatcher.cc, HISTO_LENGTH and ComputeThreeMaxima: number of bins of the histogram of
-# feature rotations. A match is kept if its bin is one of the three fullest and has at least this
-# share of the matches of the fullest bin.
+_NUM_NEAREST = 2  # best and second best candidate of a query, for the ratio test
+# Number of bins of the histogram of feature rotations. A match is kept if its bin is one of the
+# three fullest and has at least this ratio of the matches of the fullest bin (ORB-SLAM3,
+# ORBmatcher.cc, HISTO_LENGTH and ComputeThreeMaxima).
 _ROTATION_BINS = 30
 _ROTATION_PEAKS = 3
 _MIN_PEAK_SHARE = 0.1
-_LANES = np.uint32(0x00FF00FF)  # every other byte: counts are added in 16-bit lanes
+_LANES = np.uint32(0x00FF00FF)  # mask of every other byte: bit counts are added in 16-bit lanes
 
 
 class Queries(NamedTuple):
-    """Q landmarks (map points or depth measurements) to be searched in a frame."""
+    """Q landmarks (map points or depth measurements) to search for in a frame."""
 
     projection_px: FloatArray  # (3, Q) predicted u, v, u_right
     radius_px: FloatArray  # (Q,) half sides of the square search windows
-    min_octave: NDArray[np.int8]  # (Q,) octaves in which a match may have been detected
-    max_octave: NDArray[np.int8]  # (Q,)
+    min_octave: NDArray[np.int8]  # (Q,) lowest octave of a matching feature
+    max_octave: NDArray[np.int8]  # (Q,) highest octave of a matching feature
     descriptors: ByteArray  # (Q, 32)
 
 
 class Matches(NamedTuple):
-    """M one-to-one matches of queries with features, as parallel arrays."""
+    """M one-to-one matches of queries with features."""
 
-    q: IntArray  # (M,) queries
-    k: IntArray  # (M,) features
-    distance: IntArray  # (M,) Hamming distances of the descriptors [bits]
+    q: IntArray  # (M,) indices of queries
+    k: IntArray  # (M,) indices of features
+    distance: IntArray  # (M,) Hamming distances of the descriptors, in bits
 
     def select(self, keep: BoolArray) -> Matches:
         return Matches._make(column[keep] for column in self)
 
 
 def hamming(a: ByteArray, b: ByteArray) -> IntArray:
-    """Return the (M,) Hamming distances [bits] between the rows of two (M, 32) arrays.
+    """Return the Hamming distances (M,) in bits between the rows of two arrays (M, 32).
 
-    Bit counts of four words are added in 16-bit lanes, as NumPy is slow over short axes.
+    The bit counts of four words are added in 16-bit lanes, because NumPy is slow over short axes.
     """
     counts = np.bitwise_count(_words(a) ^ _words(b)).view(np.uint32).ravel()
     pairs = (counts & _LANES) + ((counts >> np.uint32(8)) & _LANES)
@@ -64,9 +64,9 @@ def match_by_projection(
     """Return one-to-one matches of queries with features near their projections.
 
     A candidate lies in the search window and in the octave range of a query; if it has depth, its
-    u_right lies in the window as well. If the best two are in the same octave, their distances
-    [bits] may have at most the given ratio (1.0: no test). `free` (N,) masks the features that may
-    be matched.
+    u_right lies in the window too. The best distance is at most `max_distance` bits and, if the
+    two best candidates have the same octave, at most `ratio` times the second best (1.0: no test).
+    `free` (N,) is the mask of features that may be matched.
     """
     pairs = hoid_native.match_by_projection(
         queries.projection_px,
@@ -83,8 +83,8 @@ def match_by_descriptor(
 ) -> Matches:
     """Return one-to-one matches of (Q, 32) descriptors with features anywhere in a frame.
 
-    The last two arguments are those of `match_by_projection`. There are no matches if there are
-    fewer than two descriptors or features.
+    The last two arguments are as in `match_by_projection`. With fewer than two descriptors or
+    features, there are no matches.
     """
     if min(len(descriptors), len(frame)) < _NUM_NEAREST:
         return Matches(*np.empty((3, 0), np.int64))
@@ -103,10 +103,10 @@ def match_by_descriptor(
 
 
 def rotation_consistent(angle_from_deg: Float32Array, angle_to_deg: Float32Array) -> BoolArray:
-    """Return the (M,) mask of matches whose features have turned by one of the common angles.
+    """Return the mask (M,) of matches whose features are rotated by one of the common angles.
 
     This is the orientation check of ORB-SLAM3 (ORBmatcher.cc): the three highest bins of a
-    histogram of angles are accepted, except those less than a tenth as high as the highest.
+    histogram of angles are accepted, unless they are less than a tenth as high as the highest.
     """
     turn = np.mod(angle_from_deg - angle_to_deg, 360.0)
     bins = np.mod(np.rint(turn * (_ROTATION_BINS / 360.0)).astype(np.int64), _ROTATION_BINS)

@@ -21,15 +21,16 @@ from rgbd_slam.model.map_tables import MapTables
 from rgbd_slam.model.points import MAX_POSITION_M, PointCounts
 from rgbd_slam.records.soa_table import DEAD, Column
 
-_REFRESHED = 5000  # chosen: points that are refreshed at once, whose observations fit the cache
+# Chosen: number of points that are refreshed at once, so that their observations fit the cache.
+_REFRESHED = 5000
 _NOTHING = np.empty(0, np.int64)
 
 
 class Atlas(MapTables):
-    """Keyframes and points of all maps. After a loss, a new map (`map_id`) may be started.
+    """Keyframes and points of all maps. After tracking is lost, a new map may be started.
 
-    An `Atlas` has one writer, the mapper. If the mapper runs in a process of its own, the tracker
-    has a copy, to which it applies the `MapChange`s of the mapper between two frames.
+    Only the mapper writes to an `Atlas`. If the mapper runs in another process, the tracker has a
+    copy, to which it applies the mapper's `MapChange`s between two frames.
     """
 
     def clear(self) -> None:
@@ -54,10 +55,10 @@ class Atlas(MapTables):
         parent: int | None = None,
         uid: int | None = None,
     ) -> int:
-        """Store a keyframe without observations and return its row.
+        """Store a keyframe without observations; return its row.
 
-        `parent` is the row of its parent in the spanning tree, None for the first keyframe of a
-        map. Its `uid` must be new; None: the next unused one.
+        `parent` is the row of its parent in the spanning tree; None: it is the first keyframe of a
+        map. `uid` must be new; None: the next unused one.
         """
         kf = self.keyframes
         i = int(kf.allocate(1, self.version, uid)[0])
@@ -84,10 +85,10 @@ class Atlas(MapTables):
     def move(self, i: IntArray, T_new_old: FloatArray, map_id: int | None = None) -> Move:
         """Move keyframes (N,) by motions (N, 4, 4), with the points that refer to them.
 
-        Returns the motions as they were applied: made exactly rigid, because rounding errors of
-        poses would grow threefold with each loop. Only the motions are sent to the copies of the
-        map, not the moved points. Keyframes whose motion is invalid stay (`PoseGuard`). With
-        `map_id`, keyframes and points belong to that map from now on.
+        Return the motions as applied: made exactly rigid, because rounding errors of poses would
+        triple with each loop. Copies of the map receive only the motions, not the moved points.
+        Keyframes with an invalid motion are not moved (`PoseGuard`). With `map_id`, keyframes and
+        points then belong to that map.
         """
         is_valid = self.guard.are_valid(T_new_old, 'keyframes')
         i, T_new_old = i[is_valid], T_new_old[is_valid]
@@ -98,11 +99,11 @@ class Atlas(MapTables):
         return move
 
     def remove_keyframe(self, i: int) -> None:
-        """Remove a keyframe, whose parent takes its place in the spanning tree.
+        """Remove a keyframe; its parent takes its place in the spanning tree.
 
-        Points that no other keyframe observes are removed as well. Poses relative to the keyframe
-        become relative to the parent by a `Redirect`. Raises ValueError for the root of a map,
-        without a parent.
+        Points that no other keyframe observes are removed too. A `Redirect` makes poses relative
+        to the keyframe relative to the parent. ValueError for the root of a map, which has no
+        parent.
         """
         kf = self.keyframes
         parent = kf.index_of(int(kf.parent_uid[i]))
@@ -121,7 +122,7 @@ class Atlas(MapTables):
         kf.release(np.array([i]), self.version)
 
     def update_connections(self, i: int) -> None:
-        """Recount the points that keyframe `i` shares with every other keyframe."""
+        """Count again how many points keyframe `i` shares with each other keyframe."""
         seen = self.keyframes.points_of(i)
         self.graph.connect(i, seen[seen != NO_POINT])
         self.keyframes.connected[i] = self.version
@@ -146,7 +147,7 @@ class Atlas(MapTables):
     def set_positions(self, j: IntArray, position_m: FloatArray) -> None:
         """Set the positions (N, 3) of points; remove those that are NaN or too far away.
 
-        An adjustment may move a point without parallax and depth to any distance.
+        Bundle adjustment may move a point without parallax and depth to any distance.
         """
         self.points.position_m[j] = position_m
         self.points.shifted[j] = self.version
@@ -156,9 +157,9 @@ class Atlas(MapTables):
             self.remove_points(j[~is_near])
 
     def observe(self, i: int, k: IntArray, j: IntArray) -> None:
-        """Let features `k` (N,) of keyframe `i` observe points `j` (N,), one each.
+        """Add observations: feature `k[n]` of keyframe `i` observes point `j[n]`, for N pairs.
 
-        The features must observe no point yet, and the keyframe none of these points.
+        The features must not observe a point yet, nor the keyframe any of these points.
         """
         kf, points = self.keyframes, self.points
         self._mark_features(i, k)
@@ -171,8 +172,8 @@ class Atlas(MapTables):
     def unobserve(self, i: int, k: IntArray) -> None:
         """Remove the observations, if any, of features `k` (N,) of keyframe `i`.
 
-        Points without observations are removed; those whose reference keyframe is `i` get another
-        one.
+        Points without observations are removed; points whose reference keyframe is `i` get
+        another.
         """
         kf, points = self.keyframes, self.points
         k = k[kf.point_of_feature[i, k] != NO_POINT]
@@ -184,11 +185,11 @@ class Atlas(MapTables):
         kf.point_of_feature[i, k] = NO_POINT
         points.version[j] = self.version
         points.release(j[points.num_observations[j] == 0], self.version)
-        # The reference keyframe of a point always observes it, so that the point moves with it.
+        # The reference keyframe of a point always observes it, so that both move together.
         self.refresh(j[points.reference_keyframe_uid[j] == kf.uid[i]])
 
     def forbid_seeds(self, i: int, k: IntArray) -> None:
-        """Forbid that features `k` (N,) of keyframe `i` create points from now on."""
+        """Forbid features `k` (N,) of keyframe `i` to create points."""
         self._mark_features(i, k)
         self.keyframes.may_seed[i, k] = False
 
@@ -202,8 +203,8 @@ class Atlas(MapTables):
     def replace_points(self, old: IntArray, new: IntArray) -> None:
         """Fuse points: observations of row `old[n]` become observations of row `new[n]`.
 
-        A keyframe that observes several of the points that become one keeps one observation,
-        preferably that of `new[n]`. Call `refresh` afterwards. `old` is unique, not in `new`.
+        A keyframe that observes several of the fused points keeps one observation, preferably that
+        of `new[n]`. Call `refresh` afterwards. Rows in `old` are unique, and not in `new`.
         """
         if len(old) == 0:
             return
@@ -232,8 +233,8 @@ class Atlas(MapTables):
     def refresh(self, j: IntArray) -> None:
         """Recompute viewing direction, scale range and descriptor of points `j` (P,).
 
-        A point that its reference keyframe no longer observes gets another reference keyframe.
-        Rows of removed points are skipped.
+        A point that its reference keyframe does not observe any more gets another reference
+        keyframe. Rows of removed points are skipped.
         """
         points = self.points
         seen = self.graph.observations_by_point(j[points.uid[j] != DEAD])
@@ -258,7 +259,7 @@ class Atlas(MapTables):
         points.version[new.rows] = self.version
 
     def add_point_counts(self, counts: PointCounts) -> None:
-        """Add the numbers of frames in which points were visible and found."""
+        """Add how many frames should have shown points, and in how many the points were found."""
         points = self.points
         same = points.uid[counts.points] == counts.uids
         j = counts.points[same]
@@ -269,7 +270,7 @@ class Atlas(MapTables):
     # ---- saved maps
 
     def make_younger(self, by: int) -> None:
-        """Increase the ids of all maps by `by`, so that older maps can be added with lower ids."""
+        """Add `by` to the ids of all maps, so that older maps can be added with lower ids."""
         keyframes, points = self.keyframes, self.points
         i, j = keyframes.indices(), points.indices()
         keyframes.map_id[i] += by
@@ -283,11 +284,11 @@ class Atlas(MapTables):
         features: Mapping[str, Column],
         first_uid: int | None = None,
     ) -> IntArray:
-        """Add N keyframes of an earlier session, without observations, and return their rows (N,).
+        """Add N keyframes of an earlier session, without observations; return their rows (N,).
 
-        `columns` (N, ...) are those of the keyframes, `features` (F, ...) those of their features,
-        sorted by keyframe, and `parent` (N,) the index of the parent among them, or DEAD. The uids
-        count from `first_uid` on; None: from the next unused one.
+        `columns` (N, ...) belong to the keyframes, `features` (F, ...) to their features, sorted
+        by keyframe. `parent` (N,) has the index of each parent among the keyframes, or DEAD. The
+        uids count from `first_uid` on; None: from the next unused one.
         """
         kf = self.keyframes
         kf.reserve_features(int(columns['num_features'].max()))
@@ -301,11 +302,11 @@ class Atlas(MapTables):
     def adopt(
         self, loaded: Atlas, version: int, uid_offset: int, *, keep_pending: bool = False
     ) -> None:
-        """Exchange the content of this atlas with that of another one, which has a restored map.
+        """Exchange the content of this atlas with that of another atlas, a restored map.
 
         The tables stay the same objects, because others refer to them. The old content is not
-        freed here: that takes 90 ms for 10,000 keyframes. The uids of the points become those of
-        the mapper, higher by `uid_offset`.
+        freed here, because that takes 90 ms for 10,000 keyframes. `uid_offset` is added to the
+        uids of the points, which then are those of the mapper.
         """
         for table, new in ((self.keyframes, loaded.keyframes), (self.points, loaded.points)):
             if new.capacity < table.capacity:  # rows of the old map may still be looked up
@@ -331,11 +332,11 @@ class Atlas(MapTables):
         return j
 
     def append_observations(self, blocks: Iterable[Observations], points: IntArray) -> None:
-        """Add the observations of appended points in ascending rows (P,).
+        """Add the observations of appended points, which are in ascending rows (P,).
 
-        The columns of the points count these observations already. Connections of the keyframes
-        and statistics of the points are computed here. There are several blocks, sorted by
-        keyframe, so that no call holds the lock of the interpreter for long.
+        The columns of the points already count these observations. Connections of the keyframes
+        and statistics of the points are computed here. The observations are in blocks, sorted by
+        keyframe, so that no call holds the interpreter lock for long.
         """
         rows = []
         for seen in blocks:

@@ -1,4 +1,4 @@
-"""The features of one image for tracking: undistorted, with a virtual right column (decision 002).
+"""The features of an image for tracking: undistorted, with a virtual right column (decision 002).
 
 A rectified stereo camera of baseline b would see a point of depth z and column u in its right
 image at u_right = u - fx * b / z (Mur-Artal and Tardos, T-RO 2017, eq. 1).
@@ -34,8 +34,8 @@ class StereoCamera:
     cx_px: float
     cy_px: float
     baseline_px_m: float  # fx * b: disparity = baseline_px_m / depth_m
-    disparity_noise_px: float  # standard deviation of disparities: the constant part
-    relative_noise: float  # the part that grows with the disparity, as a share of the disparity
+    disparity_noise_px: float  # constant part of the standard deviation of a disparity
+    relative_noise: float  # proportional part, as a ratio to the disparity
     # u_min, v_min, u_max, v_max of the undistorted image
     bounds_px: tuple[float, float, float, float]
     pixel_noise: float = 1.0  # standard deviation of u and v in octave 0
@@ -64,7 +64,7 @@ class StereoCamera:
         )
 
     def with_noise(self, pixel: float, disparity: float) -> StereoCamera:
-        """Return the camera with its noise of pixels and of disparities multiplied by factors."""
+        """Return the camera with its pixel noise and its disparity noise multiplied by factors."""
         return replace(
             self,
             pixel_noise=pixel * self.pixel_noise,
@@ -97,14 +97,14 @@ class StereoCamera:
         return out
 
     def disparity_sigma_px(self, disparity_px: FloatArray) -> FloatArray:
-        """Return the (N,) standard deviations [px] of disparities."""
+        """Return the standard deviations (N,) in px of disparities (N,)."""
         sigma: FloatArray = np.hypot(self.disparity_noise_px, self.relative_noise * disparity_px)
         return sigma
 
     def project_rows(self, points_camera_m: FloatArray) -> FloatArray:
-        """Return (3, N) u, v, u_right of (3, N) points in front of the camera.
+        """Return u, v, u_right (3, N) in px of points (3, N) in front of the camera.
 
-        Rows of coordinates are contiguous, which is 3 times as fast as (N, 3).
+        The coordinates are in contiguous rows, which is 3 times as fast as (N, 3).
         """
         x, y, z = points_camera_m
         inv_z = 1.0 / z
@@ -113,13 +113,13 @@ class StereoCamera:
         return np.stack([u, v, inv_z * -self.baseline_px_m + u])
 
     def project(self, points_camera_m: FloatArray) -> FloatArray:
-        """Return (N, 3) u, v, u_right of (N, 3) points in front of the camera."""
+        """Return u, v, u_right (N, 3) in px of points (N, 3) in front of the camera."""
         return self.project_rows(points_camera_m.T).T
 
     def back_project(
         self, uv_px: Float32Array | FloatArray, depth_m: Float32Array | FloatArray
     ) -> FloatArray:
-        """Return (N, 3) points [m] in the camera frame, of pixels (N, >= 2) with depths (N,)."""
+        """Return points (N, 3) in m in the camera frame, at pixels (N, >= 2) and depths (N,)."""
         z = depth_m.astype(np.float64)
         out = np.empty((len(z), 3))
         out[:, 0] = (uv_px[:, 0] - self.cx_px) / self.fx_px * z
@@ -129,12 +129,12 @@ class StereoCamera:
 
 
 def to_camera(T_camera_map: FloatArray, points_m: FloatArray) -> FloatArray:
-    """Return (3, N) points in the camera frame for (3, N) points in the map frame."""
+    """Return the points (3, N) in the camera frame for points (3, N) in the map frame."""
     return np.asarray(T_camera_map[:3, :3] @ points_m + T_camera_map[:3, 3, None])
 
 
 def check_octaves(features: Features, num_octaves: int) -> None:
-    """Raise MessageError if a feature has an octave of `num_octaves` or above."""
+    """Raise MessageError if the octave of a feature is not below `num_octaves`."""
     highest = int(features.octave.max(initial=0))
     if highest >= num_octaves:
         raise MessageError(
@@ -145,7 +145,7 @@ def check_octaves(features: Features, num_octaves: int) -> None:
 
 @dataclass(frozen=True, eq=False)
 class Frame:
-    """The undistorted features (N) of one image."""
+    """The N undistorted features of an image."""
 
     stamp_ns: int
     measurement_px: Float32Array  # (N, 3) u, v, u_right; u_right is NaN without depth

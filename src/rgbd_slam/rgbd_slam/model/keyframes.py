@@ -1,4 +1,4 @@
-"""The keyframes as a structure of arrays: poses, features, and the points they observe."""
+"""The keyframes as a structure of arrays: poses, features, and the points that they observe."""
 
 from __future__ import annotations
 
@@ -18,11 +18,12 @@ NO_POINT = -1
 
 _INITIAL_CAPACITY = 32
 _INITIAL_FEATURES = 1024
-# Chosen: if the table has more rows than this, the columns of features, except the column of the
-# observed points, are in a file instead of in memory. Those of 1,000 keyframes take 60 MB.
+# Chosen: if the table has more rows, the columns of features are in a file instead of in memory,
+# except for the observed points. Those of 1,000 keyframes take 60 MB.
 _MEMORY_ROWS = 1024
-_ROWS_AT_ONCE = 64  # chosen: keyframes that are stored at once; their columns fit the cache
-# Chosen: number of new keyframes after which the operating system may take back the memory of the
+# Chosen: number of keyframes that are stored at once, so that their columns fit the cache.
+_ROWS_AT_ONCE = 64
+# Chosen: number of new keyframes after which the operating system may reclaim the memory of the
 # columns below; they are read from the file again when they are used.
 _RELEASE_AFTER = 100
 _FIXED_FEATURES = ('measurement_px', 'depth_m', 'octave', 'angle_deg', 'descriptors', 'may_seed')
@@ -32,8 +33,8 @@ _OBSERVATIONS = ('connected', 'reobserved', 'is_reobserved')
 class KeyframeTable(SoaTable):
     """The table of keyframes (index letter i); feature columns are (capacity, max features, ...).
 
-    Only `Atlas` writes to the columns. `point_of_feature` is the record of observations; the
-    graph of the `Atlas` is its inverse.
+    Only `Atlas` writes to the columns. `point_of_feature` holds the observations; the graph of the
+    `Atlas` is its inverse.
     """
 
     fixed: ClassVar[tuple[str, ...]] = ('stamp_ns', 'num_features', 'is_loaded', *_FIXED_FEATURES)
@@ -45,15 +46,15 @@ class KeyframeTable(SoaTable):
         super().__init__(n)
         self.stamp_ns: IntArray = np.zeros(n, np.int64)
         self.T_map_camera: FloatArray = np.zeros((n, 4, 4))
-        self.map_id: IntArray = np.zeros(n, np.int64)  # each map has a frame of its own
+        self.map_id: IntArray = np.zeros(n, np.int64)  # each map has its own frame
         # Parent in the spanning tree; DEAD for the root of a map.
         self.parent_uid: IntArray = np.zeros(n, np.int64)
         self.num_features: IntArray = np.zeros(n, np.int64)
         self.is_loaded: BoolArray = np.zeros(n, np.bool_)  # True: from an earlier session
-        # Version of the map at which the shared points were counted last.
+        # Version of the map at which the points shared with others were counted last.
         self.connected: IntArray = np.zeros(n, np.int64)
-        # Version of the map at which observations or `may_seed` of the keyframe changed last; and
-        # the mask of the features whose state has changed since it was sent to another copy.
+        # Version of the map at which an observation or `may_seed` of the keyframe changed last,
+        # and the mask of features with changes that are not sent to another copy yet.
         self.reobserved: IntArray = np.zeros(n, np.int64)
         self.is_reobserved: NDArray[np.bool_] = np.zeros((n, f), np.bool_)
         self.point_of_feature: NDArray[np.int32] = np.full((n, f), NO_POINT, np.int32)
@@ -86,7 +87,7 @@ class KeyframeTable(SoaTable):
         return column.array
 
     def release_memory(self) -> None:
-        """Let the operating system take the memory of columns in files until they are read."""
+        """Let the operating system reclaim the memory of columns in files until they are read."""
         for column in self._on_disk.values():
             column.release_memory()
 
@@ -111,7 +112,7 @@ class KeyframeTable(SoaTable):
         self.put_features(i, frame)
 
     def put_features(self, i: int, frame: Frame) -> None:
-        """Copy the features of a frame into row `i`; observations and counts stay as they are."""
+        """Copy the features of a frame into row `i`; observations and counts are not changed."""
         n = len(frame)
         if n > self.max_features:
             self.grow_features(max(n, self.max_features + self.max_features // 2))
@@ -136,7 +137,7 @@ class KeyframeTable(SoaTable):
             for start in range(0, len(rows), step):
                 part = slice(start, start + step)
                 block = np.zeros((len(rows[part]), *table.shape[1:]), table.dtype)
-                # Ten times as fast as one assignment by index arrays.
+                # This is ten times as fast as one assignment by index arrays.
                 for row, n, end in zip(
                     block, counts[part].tolist(), ends[part].tolist(), strict=True
                 ):
@@ -152,7 +153,7 @@ class KeyframeTable(SoaTable):
             column.write_rows(first, rows)
 
     def frame(self, i: int) -> Frame:
-        """Return the features of row `i` as a frame of views, not copies."""
+        """Return the features of row `i` as a frame whose arrays are views, not copies."""
         n = int(self.num_features[i])
         return Frame(
             int(self.stamp_ns[i]),
@@ -165,14 +166,14 @@ class KeyframeTable(SoaTable):
         )
 
     def points_of(self, i: int) -> IntArray:
-        """Return a copy of the points (N,) that the features of row `i` observe, or NO_POINT."""
+        """Return the point (N,) that each feature of row `i` observes, or NO_POINT, as a copy."""
         return self.point_of_feature[i, : self.num_features[i]].astype(np.int64)
 
     def children(self, i: int) -> IntArray:
         return np.flatnonzero((self.parent_uid == self.uid[i]) & (self.uid != DEAD))
 
     def ends_of(self, edge: LoopEdge) -> tuple[int, int] | None:
-        """Return the rows of a loop's first and second keyframe; None unless one map has both."""
+        """Return the rows of both keyframes of a loop; None unless both exist in one map."""
         a, b = self.index_of(edge.first_uid), self.index_of(edge.second_uid)
         if a is None or b is None or self.map_id[a] != self.map_id[b]:
             return None

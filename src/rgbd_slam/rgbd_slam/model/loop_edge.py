@@ -1,4 +1,4 @@
-"""A recognized place: the measured pose of one keyframe relative to another, with its evidence."""
+"""Loop edges: measured relative poses of keyframes at the same place, and their evidence."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ JOIN = 'merged'
 
 
 class LoopEdge(NamedTuple):
-    """A loop or join that was found, whether or not the map uses it; see `moved_ends`."""
+    """A loop or join that was found; the map may or may not use it."""
 
-    first_uid: int  # the keyframe that was recognized
-    second_uid: int  # the keyframe in which it was recognized
+    first_uid: int  # the earlier keyframe, which was recognized
+    second_uid: int  # the later keyframe, at which it was recognized
     T_first_second: FloatArray  # (4, 4)
-    covariance: FloatArray  # (6, 6) in the camera frame of the second, rotation first
+    covariance: FloatArray  # (6, 6) in the camera frame of the second keyframe, rotation first
     num_inliers: int  # number of matched points that agree with the edge
-    found_share: float  # share of the points expected there that were found
-    kind: str  # its effect on the map: the value of a `LoopEvent`, such as `JOIN`
+    found_share: float  # ratio of the expected points that were found
+    kind: str  # effect on the map: the value of a `LoopEvent`, such as `JOIN`
     residual_m: float  # deviation of the map from the edge after optimization
     is_used: bool  # False: it was left out, because it contradicts the rest of the map
 
     def residual(self, T_map_first: FloatArray, T_map_second: FloatArray) -> FloatArray:
-        """Return the motion (4, 4) by which the poses (4, 4) of the ends deviate from the edge."""
+        """Return the motion (4, 4) by which the poses (4, 4) of both keyframes miss the edge."""
         T: FloatArray = se3.inverse(self.T_first_second) @ se3.inverse(T_map_first) @ T_map_second
         return T
 
 
 def renumbered(edges: Iterable[LoopEdge], numbers: Mapping[int, int]) -> tuple[LoopEdge, ...]:
-    """Return edges with new numbers of their keyframes, without edges that lose a keyframe."""
+    """Return edges with new keyframe numbers, without edges whose keyframe has none."""
     return tuple(
         edge._replace(first_uid=numbers[edge.first_uid], second_uid=numbers[edge.second_uid])
         for edge in edges
@@ -43,9 +43,9 @@ def renumbered(edges: Iterable[LoopEdge], numbers: Mapping[int, int]) -> tuple[L
 def moved_ends(
     edges: Iterable[LoopEdge], uid: int, parent_uid: int, T_parent_camera: FloatArray
 ) -> tuple[LoopEdge, ...]:
-    """Return edges whose ends at a removed keyframe are at its parent; see `Redirect`.
+    """Return edges with a removed keyframe replaced by its parent; see `Redirect`.
 
-    An edge that then has one keyframe at both ends is left out.
+    Edges that would connect a keyframe with itself are left out.
     """
     out = []
     for edge in edges:

@@ -1,4 +1,4 @@
-"""Changes of a map: changed rows for its copies, and removed and pending keyframes."""
+"""Changes of a map: changed rows, which copies need, and removed and pending keyframes."""
 
 from __future__ import annotations
 
@@ -18,28 +18,28 @@ _MAX_REMEMBERED = 4096
 
 
 class Redirect(NamedTuple):
-    """A keyframe that is not in the map, and its parent, to which poses relative to it refer.
+    """A keyframe that is not in the map, with the parent that replaces it as a reference.
 
-    It was removed, or is pending: the tracker has requested it and the mapper has not inserted it.
+    It was removed, or is pending: requested by the tracker, but not inserted by the mapper yet.
     """
 
     uid: int
-    parent_uid: int  # may be removed or pending as well; DEAD for the first keyframe of a map
-    # (4, 4), orthonormalized, because redirects are chained; T_map_camera without a parent.
+    parent_uid: int  # may also be removed or pending; DEAD for the first keyframe of a map
+    # (4, 4), orthonormalized because redirects are chained; T_map_camera if there is no parent.
     T_parent_camera: FloatArray
 
 
 class Connections(NamedTuple):
-    """The neighbors of each of R keyframes, with which it shares points."""
+    """The neighbors of R keyframes: the keyframes with which each shares points."""
 
     rows: IntArray  # (R,) rows of the keyframes
     lengths: IntArray  # (R,) numbers of neighbors
-    neighbors: IntArray  # (sum of lengths,) rows of the neighbors, keyframe after keyframe
-    shared: IntArray  # (sum of lengths,) numbers of points shared with them
+    neighbors: IntArray  # (sum of lengths,) rows of the neighbors, keyframe by keyframe
+    shared: IntArray  # (sum of lengths,) number of points shared with each neighbor
 
 
 class FeatureStates(NamedTuple):
-    """The state of N features of keyframes: keyframe i observes point j in its feature k."""
+    """The states of N features of keyframes: keyframe i observes point j in its feature k."""
 
     i: NDArray[np.int32]
     k: NDArray[np.int32]
@@ -59,30 +59,30 @@ class Move(NamedTuple):
 
     uids: IntArray  # (N,)
     T_new_old: FloatArray  # (N, 4, 4) in the map frame
-    map_id: int | None = None  # the map that they belong to from now on; None: as before
+    map_id: int | None = None  # the map to which they belong now; None: unchanged
 
 
 class MapChange(NamedTuple):
-    """The difference between two versions of a map, to be applied to a copy."""
+    """The difference between two versions of a map, to be applied to a copy of the older one."""
 
     version: int
-    moves: tuple[Move, ...]  # applied first, in this order
+    moves: tuple[Move, ...]  # to be applied first, in this order
     keyframes: SoaTableRows
     points: SoaTableRows
-    positions: PointPositions  # of points of which nothing else has changed
-    observations: FeatureStates  # the states that changed
-    connections: Connections  # of the keyframes whose shared points were counted again
+    positions: PointPositions  # positions of points with no other changes
+    observations: FeatureStates  # states of features that have changed
+    connections: Connections  # of keyframes whose shared points were counted again
     redirects: tuple[Redirect, ...]
-    num_refused: int  # poses that the `PoseGuard` has refused since the last change
-    loops: tuple[LoopEdge, ...] | None  # all of them; None: they have not changed
+    num_refused: int  # number of poses that the `PoseGuard` has refused since the last change
+    loops: tuple[LoopEdge, ...] | None  # all loop edges; None: they have not changed
 
 
 class Redirects:
-    """The redirects of a map: `take` returns each of them once, `find` the latest 4096 by uid."""
+    """The redirects of a map: `take` returns each once, `find` one of the latest 4096 by uid."""
 
     def __init__(self) -> None:
         self._to_take: list[Redirect] = []
-        self._removed: dict[int, Redirect] = {}  # by uid, the oldest first
+        self._removed: dict[int, Redirect] = {}  # by uid, oldest first
 
     def clear(self) -> None:
         self._to_take = []
@@ -101,5 +101,5 @@ class Redirects:
         return redirects
 
     def find(self, uid: int) -> Redirect | None:
-        """Return the redirect of a keyframe; None if it is not among the latest 4096."""
+        """Return the redirect of a keyframe; None if it is not one of the latest 4096."""
         return self._removed.get(uid)

@@ -1,7 +1,7 @@
-"""A saved map: only the data from which everything else can be derived.
+"""A saved map: the data from which everything else in the map can be derived.
 
-Keyframes and points are identified by their rows here. Keyframes are sorted by their uids in the
-map from which they were copied.
+Keyframes and points are identified by their rows. Keyframes are sorted by their uids in the map
+that was saved.
 """
 
 from __future__ import annotations
@@ -31,24 +31,25 @@ from rgbd_slam.records.soa_table import DEAD
 
 Int32Array = NDArray[np.int32]
 NONE = -1
-_BLOCK = 256  # chosen: keyframes whose observations are restored at once, in some ms
-_OUTSIDE = 1.0  # chosen: image sizes by which a pixel of another camera may lie outside the image
+_BLOCK = 256  # chosen: number of keyframes whose observations are restored at once, in some ms
+# Chosen: a pixel of another camera may be outside the image by this many image sizes.
+_OUTSIDE = 1.0
 _COLUMNS = ('stamp_ns', 'T_map_camera', 'map_id', 'num_features')
 _COPIED = ('depth_m', 'octave', 'angle_deg', 'descriptors', 'may_seed')
 
 
 @dataclass(frozen=True, eq=False)
 class MapState(Record):
-    """A saved map: K keyframes, F features of all keyframes (sorted by keyframe) and P points."""
+    """A saved map: K keyframes, their F features (sorted by keyframe) and P points."""
 
     stamp_ns: Annotated[IntArray, column('i8', 'keyframes')]
     T_map_camera: Annotated[FloatArray, column('f8', 'keyframes', 4, 4)]
     map_id: Annotated[Int32Array, column('i4', 'keyframes')]  # 0 is the oldest map
-    # Parent in the spanning tree; NONE for the root of a map.
+    # Row of the parent in the spanning tree; NONE for the root of a map.
     parent: Annotated[Int32Array, column('i4', 'keyframes')]
     num_features: Annotated[Int32Array, column('i4', 'keyframes')]
     uv_px: Annotated[Float32Array, column('f4', 'features', 2)]  # undistorted
-    depth_m: Annotated[Float32Array, column('f4', 'features')]  # 0: none
+    depth_m: Annotated[Float32Array, column('f4', 'features')]  # 0: no depth
     octave: Annotated[ByteArray, column('u1', 'features')]
     angle_deg: Annotated[Float32Array, column('f4', 'features')]
     descriptors: Annotated[ByteArray, column('u1', 'features', 32)]
@@ -56,7 +57,7 @@ class MapState(Record):
     # Row of the point that the feature observes, or NONE.
     point: Annotated[Int32Array, column('i4', 'features')]
     position_m: Annotated[FloatArray, column('f8', 'points', 3)]
-    # Row of the reference keyframe, whose octave determines the range of distances.
+    # Row of the reference keyframe, whose octave determines the range of distances for detection.
     reference: Annotated[Int32Array, column('i4', 'points')]
     num_visible: Annotated[IntArray, column('i8', 'points')]
     num_found: Annotated[IntArray, column('i8', 'points')]
@@ -66,22 +67,22 @@ class MapState(Record):
 
     @property
     def keyframe(self) -> IntArray:
-        """Return the (F,) row of the keyframe of each feature."""
+        """Return the row (F,) of the keyframe to which each feature belongs."""
         return np.repeat(np.arange(len(self)), self.num_features)
 
     def in_camera(
         self, old: CameraModel, new: CameraModel, scale_factor: float, num_octaves: int
     ) -> MapState:
-        """Return the map with the pixels and octaves that another camera would have seen.
+        """Return the map with the pixels and octaves that another camera would have measured.
 
-        Pixels far outside the image and octaves that do not exist become the nearest valid ones.
+        Pixels far outside the image, and octaves out of range, become the nearest valid ones.
         """
         rays = (self.uv_px - _center_px(old)) / _focal_px(old)
         size_px = np.array(new.size_px)
         uv_px = np.clip(
             rays * _focal_px(new) + _center_px(new), -_OUTSIDE * size_px, (1 + _OUTSIDE) * size_px
         )
-        # The same detail is larger in the images of a camera with a longer focal length.
+        # The same detail appears larger to a camera with a longer focal length.
         larger = float(np.log(_focal_px(new) / _focal_px(old)).mean()) / np.log(scale_factor)
         octave = np.clip(np.rint(self.octave + larger), 0, num_octaves - 1)
         return replace(self, uv_px=uv_px.astype(np.float32), octave=octave.astype(np.uint8))
@@ -103,7 +104,7 @@ def _center_px(camera: CameraModel) -> FloatArray:
 
 
 def snapshot(atlas: Atlas) -> MapState:
-    """Return a copy of all maps for saving, in 0.04 ms per keyframe, with ids from 0 on."""
+    """Return a copy of all maps for saving, with ids from 0 on; takes 0.04 ms per keyframe."""
     keyframes, points = atlas.keyframes, atlas.points
     i = keyframes.indices_by_uid()
     j = points.indices()
@@ -141,14 +142,14 @@ def restore(
     keep: bool,
     loops: Sequence[LoopEdge] = (),
 ) -> IntArray:
-    """Load a saved map into an atlas and return the (K,) rows of its keyframes.
+    """Load a saved map into an atlas; return the rows (K,) of its keyframes.
 
     Args:
         atlas: The running map.
         state: The saved map, made with the same camera; it has at least one keyframe.
-        camera: The camera, which gives the features their virtual right columns.
+        camera: The camera, from which the virtual right columns of features follow.
         first_uid: The uid of the first saved keyframe; None: the next unused one.
-        keep: Whether to keep the running map beside the saved one, with higher map ids.
+        keep: True: keep the running map beside the saved one, with a higher map id.
         loops: Loop edges of the saved map, numbered by the rows of keyframes in `state`.
     """
     if keep:
@@ -167,7 +168,7 @@ def restore(
 
 
 def joined_rows(table: Array, rows: Sequence[tuple[int, int]]) -> Array:
-    """Return the first n entries of row i of a table (N, M, ...), joined for all pairs (i, n)."""
+    """Return the first n entries of row i of a table (N, M, ...) for all (i, n), concatenated."""
     empty = table[:0].reshape(0, *table.shape[2:])
     return np.concatenate([empty, *(table[i, :n] for i, n in rows)])
 
@@ -186,7 +187,7 @@ def _saved_points(state: MapState) -> dict[str, Array]:
 
 
 def _observations(state: MapState, i: IntArray, j: IntArray) -> Iterator[Observations]:
-    """Yield the observations of a saved map, for rows (K,) of keyframes and (P,) of points."""
+    """Yield the observations of a saved map whose keyframes and points are in rows (K,), (P,)."""
     end = 0
     for start in range(0, len(state), _BLOCK):
         counts = state.num_features[start : start + _BLOCK]
@@ -199,6 +200,6 @@ def _observations(state: MapState, i: IntArray, j: IntArray) -> Iterator[Observa
 
 
 def rows_of_uids(uids: IntArray, wanted: IntArray) -> Any:
-    """Return the (M,) index of each wanted uid among the ascending `uids`; NONE if missing."""
+    """Return the index (M,) of each `wanted` uid in the ascending `uids`; NONE if missing."""
     at = np.minimum(np.searchsorted(uids, wanted), max(len(uids) - 1, 0))
     return np.where(uids[at] == wanted, at, NONE) if len(uids) else np.full(len(wanted), NONE)

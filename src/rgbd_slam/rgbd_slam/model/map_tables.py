@@ -1,4 +1,4 @@
-"""The keyframes, points and observations of all maps, and how copies of them are kept equal."""
+"""The keyframes, points and observations of all maps, and how copies of them are updated."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ from rgbd_slam.model.points import PointTable
 from rgbd_slam.model.pose_guard import PoseGuard
 from rgbd_slam.records.soa_table import DEAD
 
-# ORB-SLAM3, KeyFrame.cc, UpdateConnections: number of shared points from which keyframes are
-# neighbors.
+# Least number of shared points of neighboring keyframes (ORB-SLAM3, KeyFrame.cc,
+# UpdateConnections).
 NEAR_SHARED = 15
 
 
 class Anchor(NamedTuple):
-    """The keyframe in the map that the pose of a keyframe is relative to.
+    """The keyframe in the map relative to which the pose of another keyframe is known.
 
-    It is the keyframe itself, or its nearest ancestor in the spanning tree if the keyframe was
-    removed or is still pending.
+    It is that keyframe itself or, if that was removed or is pending, its nearest ancestor in the
+    spanning tree.
     """
 
-    row: int | None  # None: no ancestor is in this copy of the map yet
-    T_anchor_keyframe: FloatArray  # (4, 4); T_map_keyframe without an ancestor
+    row: int | None  # None: this copy of the map has no ancestor yet
+    T_anchor_keyframe: FloatArray  # (4, 4); T_map_keyframe if there is no ancestor
 
 
 _NOTHING = np.empty(0, np.int64)
 
 
 class MapTables:
-    """The tables of a map, with the methods that read them and keep copies of them equal.
+    """The tables of a map, with methods that read them and methods that update copies.
 
-    A mapper in a process of its own sends `MapChange`s (what changed since the last one), which
-    the tracker applies to its copy between two frames.
+    A mapper in another process sends each `MapChange` since the last one, and the tracker applies
+    it to its copy between two frames.
     """
 
     def __init__(self, scale_factor: float, num_octaves: int) -> None:
@@ -60,23 +60,23 @@ class MapTables:
         self.loops: tuple[LoopEdge, ...] = ()
         self._sent_loops: tuple[LoopEdge, ...] = self.loops
         self.redirects = Redirects()
-        # Keyframes that were requested from a mapper in another process and are not in this copy
-        # yet, by uid, the oldest first.
+        # By uid, the oldest first: keyframes that were requested from a mapper in another process
+        # and are not in this copy yet.
         self.pending: dict[int, Redirect] = {}
         self.graph = ObservationGraph()
-        self._has_copies = False  # whether there are copies that receive the changes
-        self._moves: list[Move] = []  # since the last change was sent
+        self._has_copies = False  # whether copies exist that receive the changes
+        self._moves: list[Move] = []  # moves since the last change was sent
 
     def covisible(self, i: int, min_shared: int = 1, limit: int | None = None) -> IntArray:
-        """Return the (N,) rows of keyframes that share points with `i`, most shared points first.
+        """Return the rows (N,) of keyframes that share points with `i`, by descending number.
 
-        The shared points are those that `Atlas.update_connections` counted last. At most `limit`
-        rows of keyframes with at least `min_shared` shared points are returned.
+        At most `limit` rows of keyframes with at least `min_shared` shared points are returned, as
+        counted by the last `Atlas.update_connections`.
         """
         return self.graph.neighbors(i, min_shared).rows[:limit]
 
     def points_of(self, keyframes: IntArray) -> IntArray:
-        """Return the (P,) rows, ascending, of points that any of the keyframes (N,) observes."""
+        """Return the ascending rows (P,) of points that any of the keyframes (N,) observes."""
         return self.graph.points_of(self.keyframes.point_of_feature, keyframes)
 
     def observations_of(self, j: IntArray, keyframes: IntArray | None = None) -> Observations:
@@ -87,7 +87,7 @@ class MapTables:
         return self.graph.observations(j, keyframes)
 
     def path_length_m(self, start: int, goal: int, min_shared: int, m_per_rad: float) -> float:
-        """Return the length [m] of the shortest path between two keyframes; inf if there is none.
+        """Return the length (m) of the shortest path between two keyframes; inf if there is none.
 
         Keyframes are connected if they share `min_shared` points, or are parent and child in the
         spanning tree. For a rotation by 1 rad, `m_per_rad` is added.
@@ -96,21 +96,21 @@ class MapTables:
         return self.graph.path_length_m(poses, self.parents(), start, goal, min_shared, m_per_rad)
 
     def is_connected(self, start: int, goal: int, min_shared: int) -> bool:
-        """Return whether a path of keyframes that share `min_shared` points joins two of them."""
+        """Return whether a path connects two keyframes, each step sharing `min_shared` points."""
         poses = self.keyframes.T_map_camera
         no_tree = np.full(len(poses), -1)
         length_m = self.graph.path_length_m(poses, no_tree, start, goal, min_shared, 0.0)
         return bool(np.isfinite(length_m))
 
     def parents(self) -> IntArray:
-        """Return the (capacity,) row of each keyframe's parent; -1 for roots and empty rows."""
+        """Return the row (capacity,) of each keyframe's parent; -1 for roots and empty rows."""
         kf = self.keyframes
         rows, parents = kf.indices(), np.full(kf.capacity, -1, np.int64)
         parents[rows] = kf.rows_of(kf.parent_uid[rows])
         return parents
 
     def anchor(self, uid: int) -> Anchor | None:
-        """Return the anchor of a keyframe; None if it is unknown, or was removed long ago."""
+        """Return the anchor of a keyframe; None if it is unknown or was removed long ago."""
         T_anchor_keyframe = np.eye(4)
         row = self.keyframes.index_of(uid)
         while row is None:
@@ -125,7 +125,7 @@ class MapTables:
         return Anchor(row, T_anchor_keyframe)
 
     def pose(self, uid: int) -> FloatArray | None:
-        """Return T_map_keyframe (4, 4) of a keyframe, even a removed or pending one, if known."""
+        """Return T_map_keyframe (4, 4), also of a removed or pending keyframe; None if unknown."""
         anchor = self.anchor(uid)
         if anchor is None or anchor.row is None:
             return None if anchor is None else anchor.T_anchor_keyframe
@@ -133,16 +133,16 @@ class MapTables:
         return pose
 
     def drop_pending(self, uid: int) -> None:
-        """Replace a pending keyframe by its parent, because the mapper will not insert it."""
+        """Replace a pending keyframe, which the mapper will not insert, by its parent."""
         lost = self.pending.pop(uid, None)
         if lost is not None and lost.parent_uid != DEAD:
             self.redirects.add([lost])
 
     def changes_since(self, version: int, *, with_features: bool = True) -> MapChange:
-        """Return the changes after a version, and start a new version for later changes.
+        """Return the changes since a version, and start a new version for later changes.
 
-        Redirects, moves and feature states are returned once only. With `with_features=False`,
-        the features of new keyframes are left out, because the copy has them already.
+        Redirects, moves and feature states are returned only once. With `with_features=False`,
+        features of new keyframes are left out, because the copy already has them.
         """
         change = MapChange(
             self.version,
@@ -162,7 +162,7 @@ class MapTables:
         return change
 
     def skip_changes(self) -> int:
-        """Discard the changes after both processes have loaded a map; return its version."""
+        """Discard all changes, because both processes have loaded the map; return its version."""
         self._moves, self._has_copies = [], True
         self.keyframes.is_reobserved[:] = False
         self.redirects.take()
@@ -173,8 +173,7 @@ class MapTables:
     def whole(self) -> MapChange:
         """Return the change that makes an empty atlas a copy of this one.
 
-        It contains no redirects and no pending keyframes. All feature states count as sent
-        afterwards.
+        It has no redirects and no pending keyframes. All feature states then count as sent.
         """
         everything = self.keyframes.rows_since(0), self.points.rows_since(0)
         features = self._features_since(0)
@@ -185,9 +184,9 @@ class MapTables:
         )
 
     def apply(self, change: MapChange, frame: Frame | None = None) -> None:
-        """Apply a change to this copy of the map; its keyframes are no longer pending.
+        """Apply a change to this copy of the map; its keyframes are then not pending any more.
 
-        If the change was made without features, `frame` has those of its only new keyframe.
+        If the change has no features, `frame` has those of its only new keyframe.
         """
         kf, rows = self.keyframes, change.keyframes.rows
         for move in change.moves:
@@ -214,7 +213,7 @@ class MapTables:
                 del self.pending[uid]
 
     def _apply_move(self, move: Move) -> BoolArray:
-        """Move keyframes with their points; return the (capacity,) mask of the moved points."""
+        """Move keyframes with their points; return the mask (capacity,) of the moved points."""
         kf, points = self.keyframes, self.points
         rows = kf.rows_of(move.uids)
         n = np.flatnonzero(rows >= 0)
@@ -231,21 +230,21 @@ class MapTables:
         return np.asarray(which >= 0)
 
     def _positions_since(self, version: int) -> PointPositions:
-        """Return the positions that changed after `version`, of points without other changes."""
+        """Return the positions that changed after `version`, of points with no other changes."""
         points = self.points
         rows = np.flatnonzero((points.shifted > version) & (points.version <= version))
         rows = rows[points.uid[rows] != DEAD]
         return PointPositions(rows.astype(np.int32), points.position_m[rows])
 
     def _mark_features(self, i: int | IntArray, k: IntArray) -> None:
-        """Mark features `k` of keyframes `i` as changed, so that they are sent to the copies."""
+        """Mark features `k` of keyframes `i` as changed, so that copies receive them."""
         self.keyframes.reobserved[i] = self.version
         self.keyframes.is_reobserved[i, k] = True
 
     def _features_since(self, version: int) -> FeatureStates:
         """Return the unsent feature states that changed after `version`, and mark them as sent.
 
-        For version 0, the states of all features that observe a point are returned.
+        For version 0, return the states of all features that observe a point.
         """
         kf = self.keyframes
         if version == 0:

@@ -1,4 +1,4 @@
-"""The map points as a structure of arrays, and counts of how often frames observe them."""
+"""The map points as a structure of arrays, and counts of the frames that observe them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from rgbd_slam.records.soa_table import SoaTable
 
 MAX_POSITION_M = 1e5  # chosen: largest coordinate of a pose or point in a map
 _INITIAL_CAPACITY = 4096
-_NOT_COUNTED = -2  # a number that is neither the uid of a point nor that of an empty row
+_NOT_COUNTED = -2  # differs from the uid of any point and of an empty row
 
 
 class PointTable(SoaTable):
@@ -22,17 +22,18 @@ class PointTable(SoaTable):
     def __init__(self) -> None:
         n = _INITIAL_CAPACITY
         super().__init__(n)
-        self.position_m: FloatArray = np.zeros((n, 3))  # in the frame of its map
-        # Unit vector: the mean direction from the cameras to the point.
+        self.position_m: FloatArray = np.zeros((n, 3))  # in the frame of the point's map
+        # Unit vector: mean direction from the observing cameras to the point.
         self.view_direction: Float32Array = np.zeros((n, 3), np.float32)
-        # Range of distances at which some octave can detect the point; see `point_statistics`.
+        # Range of distances in which some octave can detect the point; see `point_statistics`.
         self.min_distance_m: Float32Array = np.zeros(n, np.float32)
         self.max_distance_m: Float32Array = np.zeros(n, np.float32)
         self.descriptors: ByteArray = np.zeros((n, 32), np.uint8)
-        self.num_observations: IntArray = np.zeros(n, np.int64)  # keyframes that observe it
-        self.num_stereo: IntArray = np.zeros(n, np.int64)  # observations with a depth
-        self.num_visible: IntArray = np.zeros(n, np.int64)  # frames that should show it
-        self.num_found: IntArray = np.zeros(n, np.int64)  # frames in which it was found
+        # Number of keyframes that observe it.
+        self.num_observations: IntArray = np.zeros(n, np.int64)
+        self.num_stereo: IntArray = np.zeros(n, np.int64)  # number of observations with depth
+        self.num_visible: IntArray = np.zeros(n, np.int64)  # number of frames that should show it
+        self.num_found: IntArray = np.zeros(n, np.int64)  # number of frames in which it was found
         # The keyframe that created the point; for a loaded point, its reference keyframe.
         self.first_keyframe_uid: IntArray = np.zeros(n, np.int64)
         # The keyframe whose octave and distance determine the range of distances.
@@ -43,14 +44,14 @@ class PointTable(SoaTable):
 
 
 class PointTally(NamedTuple):
-    """The points that a frame should show, and those found in it; each occurs at most once."""
+    """The points that a frame should show, and those that were found in it; none occurs twice."""
 
     visible: IntArray  # (V,) rows of the points that should be visible
     found: IntArray  # (M,) rows of the points that were found
 
 
 class PointCounts(NamedTuple):
-    """How often points were visible and found in several frames, as parallel arrays."""
+    """How many frames should have shown P points, and in how many they were found."""
 
     points: IntArray  # (P,) rows
     uids: IntArray  # (P,)
@@ -59,16 +60,17 @@ class PointCounts(NamedTuple):
 
 
 class PointTallies:
-    """Counts how often points were visible and found since the last call of `take`."""
+    """Counts since the last `take` how many frames should have shown points, and found them."""
 
     def __init__(self, points: PointTable) -> None:
         self._points = points
-        self._uid: IntArray = np.empty(0, np.int64)  # of the point that is counted in each row
+        # (capacity,) uid of the point that is counted in each row.
+        self._uid: IntArray = np.empty(0, np.int64)
         self._visible = self._found = self._uid
-        self._counted: list[IntArray] = []  # rows, possibly with repetitions
+        self._counted: list[IntArray] = []  # rows that were counted, maybe repeated
 
     def add(self, tally: PointTally) -> None:
-        """Count the points of one frame. If a row was reused for a new point, it counts from 0."""
+        """Count the points of a frame. A row that was reused for a new point counts from 0."""
         if self._points.capacity > len(self._uid):
             more = (0, self._points.capacity - len(self._uid))
             self._uid = np.pad(self._uid, more, constant_values=_NOT_COUNTED)

@@ -1,4 +1,4 @@
-"""Keeps poses that are not rigid, or not finite, out of maps, trajectories and messages."""
+"""Protection of maps, trajectories and messages from poses that are not rigid or not finite."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from hoid_common.log_throttle import LogThrottle
 from hoid_common.values import BoolArray, FloatArray
 from rgbd_slam.model.points import MAX_POSITION_M
 
-_LOG_PERIOD_S = 5.0  # chosen: shortest time between two warnings about the same kind of pose
+_LOG_PERIOD_S = 5.0  # chosen: shortest time between two warnings about poses with the same name
 
 _logger = logging.getLogger(__name__)
 
 
 class PoseGuard:
-    """Refuses poses that are not rigid transforms of at most 100 km, and counts them.
+    """Refuses and counts poses that are not rigid, not finite or beyond 100 km.
 
-    If a computation gives an invalid pose, an image or a keyframe is lost, but not the map.
+    An invalid result of a computation then costs an image or a keyframe, but not the map.
     """
 
     def __init__(self) -> None:
@@ -29,7 +29,7 @@ class PoseGuard:
         self._throttle = LogThrottle(_LOG_PERIOD_S)
 
     def are_valid(self, T: FloatArray, name: str) -> BoolArray:
-        """Return which poses (N, 4, 4) are valid; count the others and log them by `name`."""
+        """Return (N,) whether poses (N, 4, 4) are valid; count and log the others, by `name`."""
         is_valid = se3.is_rigid(T) & (np.abs(T[..., :3, 3]) < MAX_POSITION_M).all(-1)
         num_refused = int(np.count_nonzero(~is_valid))
         if num_refused:

@@ -15,17 +15,17 @@ from rgbd_slam.model.keyframes import NO_POINT
 
 @dataclass(frozen=True, eq=False)
 class TrackedFrame:
-    """A frame after tracking. It has the uids of its points, because rows may be reused later."""
+    """A tracked frame; its points are identified by uids too, because rows may be reused."""
 
     frame: Frame
-    T_map_camera: FloatArray  # (4, 4), by the map at the time of tracking
+    T_map_camera: FloatArray  # (4, 4) in the map at the time of tracking
     points: IntArray  # (N,) row of the point that each feature observes, or NO_POINT
-    point_uids: IntArray  # (N,); without meaning where `points` is NO_POINT
-    reference_uid: int  # the reference keyframe, which may be pending
+    point_uids: IntArray  # (N,) uids of these points; arbitrary where `points` is NO_POINT
+    reference_uid: int  # uid of the reference keyframe, which may be pending
     T_reference_camera: FloatArray  # (4, 4)
 
     def current_points(self, atlas: Atlas) -> IntArray:
-        """Return `points`, with NO_POINT for those that have been removed from the map."""
+        """Return `points`, with NO_POINT for points that were removed from the map."""
         points = self.points
         stale = atlas.points.uid[points] != self.point_uids
         return np.where(stale | (points == NO_POINT), NO_POINT, points)
@@ -42,7 +42,7 @@ class TrackedFrame:
 def tracked_frame(
     frame: Frame, T_map_camera: FloatArray, points: IntArray, atlas: Atlas, reference_uid: int
 ) -> TrackedFrame:
-    """Return a tracked frame whose pose is stored relative to a keyframe of known pose.
+    """Return a tracked frame with its pose relative to a keyframe, whose pose must be known.
 
     `points` (N,) are the rows of the points that its features observe, or NO_POINT.
     """
@@ -61,9 +61,9 @@ def tracked_frame(
 def tracked_keyframe(
     frame: Frame, atlas: Atlas, uid: int, unseen: BoolArray | None = None
 ) -> TrackedFrame:
-    """Return the tracked frame of a keyframe, with the pose and points that the map has.
+    """Return the tracked frame of a keyframe, with its pose and points in the map.
 
-    A pending keyframe observes no point. Features in the mask `unseen` (N,) observe none either.
+    A pending keyframe observes no point, nor do features in the mask `unseen` (N,).
     """
     i, T_map_camera = atlas.keyframes.index_of(uid), atlas.pose(uid)
     assert T_map_camera is not None

@@ -1,4 +1,4 @@
-"""The trajectory of the camera: online poses as published, and final poses by the map."""
+"""The trajectory of the camera: online poses as published, and final poses by the present map."""
 
 from __future__ import annotations
 
@@ -24,7 +24,8 @@ _FRAME = np.dtype(
     [
         ('stamp_ns', np.int64),
         ('reference_uid', np.int64),
-        # Without the last rows (0, 0, 0, 1): 208 bytes per frame, as a session may run for days.
+        # Transforms are stored without their last row (0, 0, 0, 1): 208 bytes per frame, because a
+        # session may last days.
         ('T_map_camera', np.float64, (3, 4)),
         ('T_reference_camera', np.float64, (3, 4)),
     ]
@@ -36,7 +37,7 @@ _NO_MAP = -1  # map id of keyframes that are pending or have no known ancestor
 
 
 class _MapLink(NamedTuple):
-    """The measured motion from a keyframe of one map to a keyframe of the map started after it."""
+    """The measured motion from a keyframe of a map to a keyframe of the next map."""
 
     before_uid: int
     after_uid: int
@@ -46,8 +47,8 @@ class _MapLink(NamedTuple):
 class TrajectoryRecorder:
     """Stores two poses of each frame: as published, and relative to its reference keyframe.
 
-    The second one follows the corrections of the map. All methods that read old poses raise
-    InputError if their file cannot be read.
+    The second pose follows corrections of the map. Methods that read old poses raise InputError if
+    their file cannot be read.
     """
 
     def __init__(self, atlas: Atlas) -> None:
@@ -61,7 +62,7 @@ class TrajectoryRecorder:
 
     @property
     def num_unwritten(self) -> int:
-        """Return the number of old frames kept in memory because no file can store them."""
+        """Return the number of old frames that are in memory because no file could store them."""
         return self._frames.num_unwritten
 
     def add(self, tracked: TrackedFrame) -> None:
@@ -78,7 +79,7 @@ class TrajectoryRecorder:
         """Return T_map_camera (4, 4) of the `n`-th frame by the current map; None if unknown.
 
         The pose is in the map of the reference keyframe. It is unknown while this keyframe is
-        pending, or if it was removed before the latest one or two thousand removed keyframes.
+        pending, or if one or two thousand keyframes were removed after it.
         """
         frame = self._frames[n]
         map_ids, poses = self._references(frame['reference_uid'])
@@ -87,7 +88,7 @@ class TrajectoryRecorder:
         return np.asarray(poses[0] @ _whole(frame['T_reference_camera'][None])[0])
 
     def revise(self, n: int, T_map_camera: FloatArray) -> None:
-        """Replace the final pose of frame `n` unless it is unknown; the online pose stays."""
+        """Replace the final pose of frame `n` unless it is unknown; the online pose is kept."""
         frame = self._frames[n]
         map_ids, poses = self._references(frame['reference_uid'])
         if map_ids[0] != _NO_MAP:
@@ -95,23 +96,23 @@ class TrajectoryRecorder:
             self._frames[n] = frame
 
     def become_keyframe(self, uid: int) -> None:
-        """Tie the final pose of the last frame to a new keyframe, which may still be pending."""
+        """Make the last frame's final pose that of a new keyframe, which may still be pending."""
         frame = self._frames[len(self) - 1]
         frame['reference_uid'], frame['T_reference_camera'] = uid, np.eye(4)[:3]
         self._frames[len(self) - 1] = frame
 
     def link(self, before: TrackedFrame, after: TrackedFrame, T_before_after: FloatArray) -> None:
-        """Store the motion (4, 4) from the last frame of a map to the first of the next map."""
+        """Store the motion (4, 4) from the last frame of a map to the first one of the next."""
         T = before.T_reference_camera @ T_before_after @ se3.inverse(after.T_reference_camera)
         self._links.append(_MapLink(before.reference_uid, after.reference_uid, T))
 
     def end_bridge(
         self, num_bridged: int, T_map_predicted: FloatArray, found: TrackedFrame
     ) -> None:
-        """Correct the final poses of bridged frames by the first tracked pose after them.
+        """Correct the final poses of bridged frames by the first pose tracked after them.
 
-        The difference between the tracked and the predicted pose (4, 4) of `found` is spread over
-        the time since the last tracked frame. The online poses stay as published. Nothing is
+        The difference between the tracked and the predicted pose (4, 4) of the frame `found` is
+        spread over the time since the last tracked frame. Online poses are kept. Nothing is
         corrected if the camera was found in another map.
         """
         first = len(self) - num_bridged
@@ -132,7 +133,7 @@ class TrajectoryRecorder:
             self._frames[n] = frame
 
     def redirect(self, redirects: Iterable[Redirect]) -> None:
-        """Let frames of removed keyframes follow the keyframes' parents."""
+        """Make poses relative to removed keyframes relative to these keyframes' parents."""
         for redirect in redirects:
             self._removed.append(redirect)
 
@@ -140,18 +141,17 @@ class TrajectoryRecorder:
         return Trajectory.joined(self.parts('online'))
 
     def final(self) -> Trajectory:
-        """Return the poses that follow from the current keyframe poses of the main map.
+        """Return the poses of all frames by the current keyframe poses of the main map.
 
-        Left out are frames of other maps without a link to the main one, and frames of which
-        neither the reference keyframe nor an ancestor is in the map.
+        Frames are left out if they are in another map without a link to the main one, or if
+        neither their reference keyframe nor an ancestor is in the map.
         """
         return Trajectory.joined(self.parts('final'))
 
     def parts(self, kind: str) -> Iterator[Trajectory]:
         """Return the trajectory of a kind (`final`, `online` or `keyframes`) in parts.
 
-        Any thread may iterate over the parts while frames are added. Raises ConfigError for
-        another kind.
+        Any thread may iterate over the parts while frames are added. ConfigError for another kind.
         """
         if kind == 'final':
             return self._final()
@@ -163,7 +163,7 @@ class TrajectoryRecorder:
         raise ConfigError(f'no trajectory "{kind}"; use one of final, online, keyframes')
 
     def keyframes(self) -> Trajectory:
-        """Return the poses of this session's keyframes in the main map, in order of insertion."""
+        """Return the main map's keyframe poses of this session, in order of insertion."""
         keyframes = self._keyframes
         rows = keyframes.indices_by_uid()
         rows = rows[(keyframes.map_id[rows] == main_map(keyframes)) & ~keyframes.is_loaded[rows]]
@@ -190,14 +190,14 @@ class TrajectoryRecorder:
         return Trajectory(stamps_ns[is_valid], poses[is_valid])
 
     def _references(self, *uids: int) -> tuple[IntArray, FloatArray]:
-        """Return the map id (or _NO_MAP) and T_map_keyframe (4, 4) of each of K keyframes."""
+        """Return map id (or _NO_MAP) and T_map_keyframe (4, 4) of each of K keyframes."""
         snapshot, removed = _PoseSnapshot(self._keyframes), _by_uid([self._removed.newest()])
         rows, poses = snapshot.of(np.array(uids), removed)
         return snapshot.map_id[rows], poses
 
 
 class _PoseSnapshot:
-    """Snapshot of all keyframe poses. Row 0 is a sentinel, in no map, for unknown keyframes."""
+    """Snapshot of all keyframe poses. Row 0 is a sentinel for unknown keyframes, in no map."""
 
     def __init__(self, keyframes: KeyframeTable) -> None:
         rows = keyframes.indices_by_uid()
@@ -207,16 +207,17 @@ class _PoseSnapshot:
         self.is_main = self.map_id == self._main
 
     def connect(self, links: Sequence[_MapLink], removed: NDArray[np.void]) -> None:
-        """Move the keyframes of all maps that links connect with the main one into its frame."""
+        """Convert the poses of all maps that are linked with the main one to its frame."""
         uids = np.array([link[:2] for link in links], np.int64).reshape(-1, 2)
         rows, poses = self.of(uids.ravel(), removed)
         ends = self.map_id[rows].reshape(-1, 2).tolist()
-        T_main = {self._main: np.eye(4)}  # T_main_map of each map that is connected
-        for _ in links:  # each round connects at least one more map, or all are connected
+        T_main = {self._main: np.eye(4)}  # by map: T_main_map, for connected maps
+        for _ in links:  # each round connects another map, or all are connected
             for (before, after), (T_before, T_after), link in zip(
                 ends, poses.reshape(-1, 2, 4, 4), links, strict=True
             ):
-                T = T_before @ link.T_before_after @ se3.inverse(T_after)  # T_before_after of maps
+                # T_before_after between the maps.
+                T = T_before @ link.T_before_after @ se3.inverse(T_after)
                 if before in T_main and after not in T_main:
                     T_main[after] = T_main[before] @ T
                 elif after in T_main and before not in T_main:
@@ -245,7 +246,7 @@ class _PoseSnapshot:
 def _moved(
     poses: FloatArray, share: FloatArray, predicted: FloatArray, true: FloatArray
 ) -> FloatArray:
-    """Return poses (N, 4, 4) moved by ratios (N,) of the difference between two poses (4, 4)."""
+    """Return poses (N, 4, 4) moved by ratios (N,) of the motion between two poses (4, 4)."""
     turn = np.zeros((len(share), 6))
     turn[:, :3] = share[:, None] * se3.log(se3.inverse(predicted) @ true)[:3]
     moved = poses @ se3.exp(turn)
@@ -254,7 +255,7 @@ def _moved(
 
 
 def _by_uid(parts: Iterable[NDArray[np.void]]) -> NDArray[np.void]:
-    """Return removed keyframes sorted by uid, after a sentinel with the uid DEAD."""
+    """Return the removed keyframes sorted by uid, after a sentinel with uid DEAD."""
     none = np.zeros(1, _REMOVED)
     none['uid'] = DEAD
     removed = np.concatenate([none, *parts])
@@ -262,13 +263,13 @@ def _by_uid(parts: Iterable[NDArray[np.void]]) -> NDArray[np.void]:
 
 
 def _find(ascending: IntArray, uids: IntArray) -> IntArray:
-    """Return the last index of each uid (K,) among ascending uids; 0: it is not among them."""
+    """Return the last index of each uid (K,) in the ascending uids; 0: it is not there."""
     n = np.searchsorted(ascending, uids, side='right') - 1
     return np.where(ascending[n] == uids, n, 0)
 
 
 def current_pass(poses: Trajectory) -> Trajectory:
-    """Return the poses since the stamps started again last, with increasing stamps."""
+    """Return the poses since the stamps last went back, with increasing stamps."""
     restarts = np.flatnonzero(np.diff(poses.stamps_ns) <= -RESTART_NS)
     first = int(restarts[-1]) + 1 if len(restarts) else 0
     stamps_ns, rows = np.unique(poses.stamps_ns[first:], return_index=True)
@@ -276,7 +277,7 @@ def current_pass(poses: Trajectory) -> Trajectory:
 
 
 def main_map(keyframes: KeyframeTable) -> int:
-    """Return the id of the map with most keyframes; of equal ones the lowest, 0 without any."""
+    """Return the id of the map with most keyframes (the lowest of several); 0 if there is none."""
     ids = keyframes.map_id[keyframes.indices()]
     return int(np.bincount(ids).argmax()) if len(ids) else 0
 
@@ -294,7 +295,7 @@ def keyframe_poses(atlas: Atlas) -> KeyframePoses:
 
 
 def _whole(upper: FloatArray) -> FloatArray:
-    """Return the poses (N, 4, 4) with the given first three rows (N, 3, 4)."""
+    """Return the poses (N, 4, 4) with these first three rows (N, 3, 4)."""
     poses = np.zeros((len(upper), 4, 4))
     poses[:, :3], poses[:, 3, 3] = upper, 1.0
     return poses

@@ -1,4 +1,4 @@
-"""Least squares: poses, bundle adjustment and pose graphs, and the noise of the measurements.
+"""Least-squares optimization of poses, bundles and pose graphs, and the measurement noise.
 
-Only this package imports GTSAM. It does not decide what is optimized.
+No other package imports GTSAM. What is optimized is decided elsewhere.
 """

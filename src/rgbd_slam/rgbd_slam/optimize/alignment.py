@@ -1,9 +1,8 @@
-"""The pose of an image relative to 3-D points, from matches of which many may be wrong.
+"""The pose of an image relative to 3-D points, from matches many of which may be wrong.
 
-With 15 depth measurements or more, hypotheses align 3-D points in closed form (Horn, JOSA A 1987,
-by the SVD of Arun et al., PAMI 1987); with fewer, they come from pixels alone (PnP). Both are
-RANSAC (Fischler and Bolles, CACM 1981); all hypotheses of 3-D points are computed and scored at
-once.
+Both methods are RANSAC (Fischler and Bolles, CACM 1981). With at least 15 depth measurements,
+hypotheses align 3-D points in closed form (Horn, JOSA A 1987, by the SVD of Arun et al., PAMI
+1987), and all are computed and scored at once. With fewer, they come from pixels alone (PnP).
 """
 
 from __future__ import annotations
@@ -17,16 +16,17 @@ import numpy as np
 from hoid_common.values import BoolArray, Float32Array, FloatArray, IntArray
 from rgbd_slam.model.frame import Frame, StereoCamera
 
-_SAMPLE = 3  # the fewest points that determine a pose (Horn 1987)
-# Chosen: number of RANSAC samples of three matches. If 28 % of all matches are right, at least one
-# sample contains only right ones with a probability of 99 %.
+_SAMPLE = 3  # least number of points that determine a pose (Horn 1987)
+# Chosen: number of RANSAC samples of three matches. If 28 % of the matches are right, one sample
+# or more has only right ones with a probability of 99 %.
 _NUM_HYPOTHESES = 200
-# Not tuned; the 95 % limit of the chi-square table is 2.4 px at a noise of 1 px.
+# Largest reprojection error of an inlier in octave 0. Not tuned; the 95 % limit of chi-square is
+# 2.4 px for a noise of 1 px.
 _MAX_ERROR_PX = 4.0  # reprojection error of an inlier in octave 0
 # Not tuned.
-_MIN_INLIERS = 15  # number of matches that must agree with a pose
-_NUM_REFINED = 5  # hypotheses with most inliers that are refined
-_NUM_REFINEMENTS = 4  # iterations of a refinement
+_MIN_INLIERS = 15  # least number of matches that agree with a pose
+_NUM_REFINED = 5  # number of hypotheses that are refined: those with most inliers
+_NUM_REFINEMENTS = 4  # number of iterations of a refinement
 
 
 class Alignment(NamedTuple):
@@ -39,7 +39,7 @@ class Alignment(NamedTuple):
 def align_points(
     points_a_m: FloatArray, points_b_m: FloatArray, weights: FloatArray | None = None
 ) -> FloatArray:
-    """Return T_a_b (..., 4, 4) that maps points b onto a (..., N, 3) with least squares."""
+    """Return T_a_b (..., 4, 4) that maps points b (..., N, 3) onto points a by least squares."""
     w = np.ones(points_a_m.shape[:-1]) if weights is None else weights
     w = (w / w.sum(axis=-1, keepdims=True))[..., None]
     mean_a = (w * points_a_m).sum(axis=-2, keepdims=True)
@@ -62,10 +62,10 @@ def align_image(
     camera: StereoCamera,
     rng: np.random.Generator,
 ) -> Alignment | None:
-    """Return the pose with which most of N matches agree, by RANSAC; None if fewer than 15 agree.
+    """Return the pose that most of N matches fit, by RANSAC; None if fewer than 15 fit.
 
-    A match of feature k (N,) with a point (N, 3) agrees if its reprojection error is below 4 px in
-    octave 0. `octave_scale` is the size of a pixel of each octave, in pixels of the image.
+    A match of feature `k[n]` with point n (N, 3) fits if its reprojection error is below 4 px in
+    octave 0. `octave_scale` has the pixel size of each octave, in pixels of the image.
     """
     if len(points_m) < _MIN_INLIERS:
         return None
@@ -100,7 +100,7 @@ def _refined(
     points_m: FloatArray,
     agreeing: Callable[[FloatArray], BoolArray],
 ) -> tuple[FloatArray, BoolArray]:
-    """Refine a pose hypothesis; return the pose with most inliers, and their (N,) mask.
+    """Refine a pose hypothesis; return the pose with most inliers, and their mask (N,).
 
     The pose is aligned to its inliers with depth in up to four iterations, because a pose of three
     points alone carries much noise (LO-RANSAC: Chum, Matas and Kittler, DAGM 2003).
@@ -120,7 +120,7 @@ def _refined(
 def _pose_from_pixels(
     measurement_px: Float32Array, points_m: FloatArray, camera: StereoCamera
 ) -> FloatArray:
-    """Return T_camera_points (1, 4, 4) by OpenCV's PnP with RANSAC; (0, 4, 4) if there is none."""
+    """Return T_camera_points (1, 4, 4) by OpenCV's PnP with RANSAC; (0, 4, 4): no pose."""
     K = np.array([[camera.fx_px, 0, camera.cx_px], [0, camera.fy_px, camera.cy_px], [0, 0, 1.0]])
     try:
         found, rotation, translation, _ = cv2.solvePnPRansac(
@@ -132,7 +132,7 @@ def _pose_from_pixels(
             reprojectionError=_MAX_ERROR_PX,
             flags=cv2.SOLVEPNP_SQPNP,
         )
-    except cv2.error:  # SQPnP asserts on samples that determine no pose
+    except cv2.error:  # SQPnP fails an assertion on samples that determine no pose
         found = False
     if not found:
         return np.empty((0, 4, 4))
@@ -148,9 +148,9 @@ def _reprojection_error_px(
     points_m: FloatArray,
     camera: StereoCamera,
 ) -> FloatArray:
-    """Return the (H, N) reprojection errors [px] of N points for H poses.
+    """Return the reprojection errors (H, N) in px of N points for H poses.
 
-    They are distances in (u, v, u_right), or in (u, v) without depth; infinite behind the camera.
+    An error is the distance in (u, v, u_right), or in (u, v) without depth; inf behind the camera.
     """
     p = points_m @ np.swapaxes(T_camera_points[:, :3, :3], 1, 2) + T_camera_points[:, None, :3, 3]
     in_front = p[..., 2] > 0

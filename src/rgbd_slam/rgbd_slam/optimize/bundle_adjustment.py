@@ -26,34 +26,34 @@ from rgbd_slam.optimize.pose_optimizer import CHI2_MONO, CHI2_STEREO, GATES
 class BundleProblem:
     """Keyframes, points and M observations as parallel arrays.
 
-    A keyframe observes a point at most once. The outlier test applies `inv_sigma2` to u_right as
-    well. In the fit, the disparity u - u_right has a variance of its own, which the camera states,
-    unless `joint_noise` is on.
+    A keyframe observes a point at most once. The outlier test uses `inv_sigma2` for u_right too.
+    In the fit, the disparity u - u_right has its own variance, which follows from the camera's
+    noise, unless `joint_noise` is on.
     """
 
     T_camera_map: FloatArray  # (C, 4, 4) poses of the keyframes
-    num_free: int  # number of keyframes, from the first on, that are optimized
+    num_free: int  # the first `num_free` keyframes are optimized, the others are fixed
     points_m: FloatArray  # (3, P) in the map frame
     camera: IntArray  # (M,) index of the keyframe of each observation
     point: IntArray  # (M,) index of the point of each observation
     measured_px: FloatArray  # (3, M) u, v, u_right; u_right is NaN without depth
-    inv_sigma2: FloatArray  # (M,) 1 / variance of u, and equally of v [1/px^2]
+    inv_sigma2: FloatArray  # (M,) 1 / variance of u and of v (1/px^2)
 
 
 class BundleSolution(NamedTuple):
-    """Adjusted poses and points, and the observations that do not fit them."""
+    """Adjusted poses and points, and which observations do not fit them."""
 
     T_camera_map: FloatArray  # (C, 4, 4)
     points_m: FloatArray  # (3, P)
-    outliers: BoolArray  # (M,)
+    outliers: BoolArray  # (M,) True: the observation is an outlier
 
 
 def adjust(
     camera: StereoCamera, problem: BundleProblem, iterations: int, rounds: int = 2
 ) -> BundleSolution:
-    """Return adjusted poses and points. Each round leaves out the outliers of the round before.
+    """Return adjusted poses and points; each round leaves out the outliers of the previous one.
 
-    The residuals are weighted by the noise of the camera, with a Huber kernel. A round has at most
+    Residuals are weighted by the camera's noise, with a Huber kernel. A round has at most
     `iterations` iterations.
     """
     fit = hoid_native.adjust_bundle(
@@ -78,8 +78,8 @@ def local_bundle_adjustment(
 ) -> None:
     """Adjust keyframe `i`, the keyframes that share most points with it, and their points.
 
-    The root of a map keeps its pose, and so do up to `fixed_window` other keyframes that observe
-    these points. Observations that are outliers are removed from the map.
+    The root of a map and up to `fixed_window` other keyframes that observe these points are fixed.
+    Outliers among the observations are removed from the map.
     """
     free = np.concatenate([[i], atlas.covisible(i, NEAR_SHARED, config.window - 1)])
     root = atlas.keyframes.parent_uid[free] < 0
@@ -94,7 +94,7 @@ def local_bundle_adjustment(
 
 
 def _fixed_keyframes(atlas: Atlas, j: IntArray, free: IntArray, limit: int) -> IntArray:
-    """Return rows of at most `limit` other keyframes that observe points `j`, most first."""
+    """Return rows of at most `limit` other keyframes that observe most of the points `j`."""
     votes = np.bincount(atlas.observations_of(j).i, minlength=atlas.keyframes.capacity)
     votes[free] = 0
     order = np.argsort(-votes, kind='stable')[:limit]
@@ -120,7 +120,7 @@ def _solve(
 def bundle_problem(
     atlas: Atlas, cameras: IntArray, num_free: int, j: IntArray
 ) -> tuple[BundleProblem, Observations]:
-    """Return the problem of keyframes (C,) and points (P,), and its M observations in the map."""
+    """Return the problem of keyframes (C,) and points (P,), and its M observations."""
     keyframes, points = atlas.keyframes, atlas.points
     seen = atlas.observations_of(j, cameras)
     problem = BundleProblem(
@@ -136,7 +136,7 @@ def bundle_problem(
 
 
 def _positions(rows: IntArray, wanted: IntArray) -> IntArray:
-    """Return the (M,) indices of the `wanted` rows within `rows` (N,)."""
+    """Return the index (M,) of each `wanted` row in `rows` (N,)."""
     order = np.argsort(rows)
     return np.asarray(order[np.searchsorted(rows, wanted, sorter=order)])
 

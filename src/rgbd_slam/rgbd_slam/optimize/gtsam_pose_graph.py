@@ -1,4 +1,4 @@
-"""A pose graph of keyframes, optimized by GTSAM's Levenberg-Marquardt."""
+"""A pose graph of keyframes, which GTSAM optimizes by Levenberg-Marquardt."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from hoid_common.values import FloatArray
 
 
 class PoseGraph:
-    """Keyframes connected by measured relative poses; the fixed ones keep their pose."""
+    """Keyframes connected by measured relative poses; the poses of fixed ones do not change."""
 
     def __init__(self) -> None:
         self._graph = gtsam.NonlinearFactorGraph()
@@ -27,8 +27,8 @@ class PoseGraph:
     def add_constraint(
         self, uid_a: int, uid_b: int, T_a_b: FloatArray, sigma_rad: float, sigma_m: float
     ) -> None:
-        """Connect two keyframes by a measured pose T_a_b (4, 4) with given standard deviations."""
-        # GTSAM's twists have the rotation first as well.
+        """Connect two keyframes by a measured pose T_a_b (4, 4) with these standard deviations."""
+        # Rotation first, as in GTSAM's twists.
         sigmas = np.repeat([sigma_rad, sigma_m], 3)
         noise = gtsam.noiseModel.Diagonal.Sigmas(sigmas)
         self._graph.add(gtsam.BetweenFactorPose3(uid_a, uid_b, gtsam.Pose3(T_a_b), noise))

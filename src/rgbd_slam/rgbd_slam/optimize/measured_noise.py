@@ -1,10 +1,10 @@
 """The noise of pixels and depth, measured from residuals of tracked frames or an adjusted map.
 
-The configured noise holds for any depth camera and is therefore large. The true ratio of pixel to
-depth noise, which weights them against each other and scales the robust kernels, depends on the
-camera, the distance and blur (decision 003). With weights by the measured noise, the path around a
-loop is up to twice as accurate (docs/results/places_and_loops.md). Standard deviations are
-computed from medians, because the tails are outliers.
+The configured noise is large, so that it holds for any depth camera. But the weights and the
+robust kernels depend on the true ratio of pixel noise to depth noise, which depends on the camera,
+the distance and blur (decision 003). With the measured noise, the trajectory around a loop is up
+to twice as accurate (docs/results/places_and_loops.md). Standard deviations are computed from
+medians, because the tails are outliers.
 """
 
 from __future__ import annotations
@@ -22,23 +22,26 @@ from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.optimize.bundle_adjustment import BundleProblem, BundleSolution
 from rgbd_slam.optimize.pose_optimizer import PoseProblem
 
-_SIGMA_PER_MEDIAN = 1.4826  # 1 / 0.6745, the median of |x| of a standard normal distribution
+# Ratio of the standard deviation to the median absolute value of a normal distribution: 1 /
+# 0.6745.
+_SIGMA_PER_MEDIAN = 1.4826
 # Not tuned.
-_MIN_OBSERVATIONS = 500  # with fewer observations, the noise is not measured
-_MIN_OBSERVERS = 4  # a point with fewer observations adapts to them, and their residuals shrink
-_FACTOR_RANGE = (0.1, 10.0)  # limits of the measured noise, relative to the configured
+_MIN_OBSERVATIONS = 500  # least number of observations for a measured noise; not tuned
+# A point with fewer observations adapts to them, so that their residuals are too small.
+_MIN_OBSERVERS = 4
+_FACTOR_RANGE = (0.1, 10.0)  # limits of the measured noise, as ratios to the configured one
 _MIN_RESIDUALS = 50  # with fewer residuals, the noise of an image is not measured
-_PRIOR_IMAGES = 3  # weight of the configured noise, in images
-_MAX_IMAGES = 100  # about three seconds: number of images over which the variances are averaged
+_PRIOR_IMAGES = 3  # weight of the configured noise, as a number of images
+_MAX_IMAGES = 100  # number of images over which variances are averaged: about three seconds
 
 
 class NoiseEstimator:
     """Averages the variances of pixels and disparities over about the last 100 tracked frames."""
 
     def __init__(self, camera: StereoCamera) -> None:
-        self.camera = camera  # with the measured noise
+        self.camera = camera  # camera with the measured noise
         self._configured = camera
-        self._variances = np.ones(2)  # of pixels and disparities, relative to the configured
+        self._variances = np.ones(2)  # of pixels and disparities, as ratios to the configured ones
         self._num_images = _PRIOR_IMAGES
 
     def add(self, tracked: TrackedFrame, atlas: Atlas) -> None:
@@ -66,10 +69,10 @@ class NoiseEstimator:
 def with_image_noise(
     camera: StereoCamera, problem: PoseProblem, T_camera_map: FloatArray
 ) -> PoseProblem:
-    """Return a problem with the noise that the residuals of all its matches at a pose show.
+    """Return a problem with the noise measured from the residuals of all its matches at a pose.
 
-    All matches are used because, in a blur, most are outliers, and the inliers fit by chance and
-    have small residuals.
+    All matches are used because in blurred images most are outliers, while the inliers fit by
+    chance and have small residuals.
     """
     x = to_camera(T_camera_map, problem.points_m.T)
     residual_px = problem.measured_px[:, :2].T - camera.project_rows(x)[:2]
@@ -80,10 +83,10 @@ def with_image_noise(
 def with_residual_noise(
     camera: StereoCamera, problem: BundleProblem, solution: BundleSolution
 ) -> tuple[StereoCamera, BundleProblem]:
-    """Return the camera and the problem with the noise that the residuals of a solution show.
+    """Return camera and problem with the noise measured from the residuals of a solution.
 
-    The camera has the measured noise of depth, the problem that of pixels. A noise for which there
-    are fewer than 500 suitable observations is not changed.
+    The camera gets the measured noise of depth, the problem that of pixels. A noise with fewer
+    than 500 suitable observations is not changed.
     """
     residual = _residuals_px(camera, problem, solution)
     seen = np.bincount(problem.point[~solution.outliers], minlength=problem.points_m.shape[1])
@@ -100,7 +103,7 @@ def with_residual_noise(
 def _residuals_px(
     camera: StereoCamera, problem: BundleProblem, solution: BundleSolution
 ) -> FloatArray:
-    """Return the (3, M) residuals of u, v, u_right [px], without meaning behind a camera."""
+    """Return the residuals (3, M) of u, v, u_right in px; arbitrary behind a camera."""
     T = solution.T_camera_map[problem.camera]
     x = np.einsum('mij,jm->mi', T[:, :3, :3], solution.points_m[:, problem.point]) + T[:, :3, 3]
     x[:, 2] = np.where(x[:, 2] > 0, x[:, 2], np.inf)
@@ -108,7 +111,7 @@ def _residuals_px(
 
 
 def median(values: FloatArray | Float32Array) -> float:
-    """Return np.median of (N,) values without NaN, N > 0, in a quarter of its time."""
+    """Return the median of values (N,) without NaN, N > 0, in a quarter of np.median's time."""
     middle = len(values) // 2
     if len(values) % 2:
         return float(np.partition(values, middle)[middle])
@@ -117,7 +120,7 @@ def median(values: FloatArray | Float32Array) -> float:
 
 
 def _factor(normalized: FloatArray, min_size: int, default: float) -> float:
-    """Return the sigma of normalized residuals, from 0.1 to 10; `default` if they are few."""
+    """Return the sigma of normalized residuals, limited to 0.1..10; `default` if too few."""
     if normalized.size < min_size:
         return default
     sizes = np.abs(normalized).ravel()

@@ -1,10 +1,10 @@
-"""The pose of one image in which something may move that the filter did not detect.
+"""The pose of an image in which something may move that the filter has not detected.
 
-The number of inliers does not reveal that the camera follows a moving object: near points dominate
-the translation, and a wrong rotation compensates for the distant ones. Therefore well-observed
-points, which several keyframes have seen, decide between pose hypotheses (decision 026). A region
-of them that biases the pose of all others is left out (decision 036). The remaining matches refine
-the pose as long as they do not contradict the well-observed points.
+The number of inliers does not reveal that the pose follows a moving object: near points dominate
+the translation, and a wrong rotation compensates for the distant points. Therefore well-observed
+points, which several keyframes have observed, decide between pose hypotheses (decision 026). An
+image region whose points bias the pose is left out (decision 036). The other matches refine the
+pose unless they contradict the well-observed points.
 """
 
 from __future__ import annotations
@@ -32,35 +32,40 @@ from rgbd_slam.optimize.pose_optimizer import (
     optimize_pose,
 )
 
-# The cost of a match is its squared error normalized by the measured noise, as
-# `hoid_native.evaluate_matches` returns it.
-_MEDIAN_COST = 2.366  # median of chi-square, three degrees of freedom: u, v and disparity
-_MAX_COST = 9.832  # 5.991 + 3.841: 95 % quantiles for the pixel (two) and the disparity (one)
-_CHI2_DISTINCT = 16.812  # 99 % quantile of chi-square, six degrees of freedom: a twist
-_MIN_NOISE_SCALE = 0.01  # chosen: keeps the scale above zero where the matches are exact
-_MIN_HALF = 10  # not tuned: matches that a hypothesis needs; three with depth determine a pose
-# Not tuned: the pose without a region is computed only if leaving the region out decreases the
-# cost, by a first-order estimate, by at least this share of the required decrease.
+# Costs of a match are squared errors normalized by the measured noise
+# (`hoid_native.evaluate_matches`).
+_MEDIAN_COST = 2.366  # median of chi-square with three degrees of freedom: u, v and disparity
+# 5.991 + 3.841: 95 % quantiles of chi-square for the pixel (two) and the disparity (one).
+_MAX_COST = 9.832
+_CHI2_DISTINCT = 16.812  # 99 % quantile of chi-square with six degrees of freedom: a twist
+_MIN_NOISE_SCALE = 0.01  # chosen: lower limit of the noise scale, for matches without errors
+# Not tuned: least number of matches for a hypothesis; three with depth determine a pose.
+_MIN_HALF = 10
+# Not tuned: a region is tested by a new pose only if a first-order estimate of the decrease of the
+# cost is at least this ratio of the required decrease.
 _MIN_FIRST_ORDER_GAIN = 0.4
-# Chosen: a match counts as fitting another pose better if its cost, which is a squared error in
-# units of the noise variance, is lower there by more than this.
+# Chosen: a match fits another pose better if its cost is lower there by more than this, in units
+# of the noise variance.
 _MIN_COST_DIFFERENCE = 1.0
 
-# Chosen, not tuned: how far beyond the outermost matches a moving object may extend: 0.02 in
-# x / z and y / z (10 px at a focal length of 520 px) and 5 % in depth.
+# Chosen, not tuned: a moving object may extend beyond its outermost matches by 0.02 in x / z and y
+# / z (10 px at a focal length of 520 px) and by 5 % in depth.
 _MARGIN = np.array([0.02, 0.02, 0.05])
 
 
 class CompetingMotion(NamedTuple):
-    """A second pose hypothesis that part of the matches fit better than the chosen pose.
+    """A second pose hypothesis, which part of the matches fit better than the chosen pose.
 
     The usual cause is a large moving object in view.
     """
 
-    twist: FloatArray  # (6,) left twist from the chosen pose to the other, rotation first [rad, m]
-    # Share of the deciding matches that fit the chosen pose, and fit it better than the other one.
+    # (6,) left twist from the chosen to the second pose, rotation first (rad, m).
+    twist: FloatArray
+    # Ratio of the deciding matches that fit the chosen pose, and fit it better than the second
+    # one.
     chosen_ratio: float
-    # Share of the deciding matches that fit the other pose, and fit it better than the chosen one.
+    # Ratio of the deciding matches that fit the second pose, and fit it better than the chosen
+    # one.
     competing_ratio: float
 
 
@@ -73,7 +78,7 @@ class ViewRegion(NamedTuple):
     def contains(
         self, camera: StereoCamera, measured_px: Float32Array, depth_m: Float32Array
     ) -> BoolArray:
-        """Return the (N,) mask of features in the region; without depth, by direction only."""
+        """Return the mask (N,) of features in the region; depth counts only where it is known."""
         u, v = measured_px[:, :2].T
         x, y = (u - camera.cx_px) / camera.fx_px, (v - camera.cy_px) / camera.fy_px
         location = np.stack([x, y, np.log(np.maximum(depth_m, MIN_DEPTH_M))])
@@ -86,13 +91,13 @@ class ViewRegion(NamedTuple):
 class BiasingObject(NamedTuple):
     """A moving object that would bias the pose if its matches were used."""
 
-    region: ViewRegion  # the part of the view that the object covers
-    # (N,) mask of the matches, in the whole image, that fit the biased pose better.
+    region: ViewRegion  # the region of the view that the object covers
+    # (N,) matches, anywhere in the image, that fit the biased pose better.
     prefers_its_motion: BoolArray
 
 
 class Consensus(NamedTuple):
-    """The pose of one image, and the moving objects that were noticed while estimating it."""
+    """The pose of an image, and moving objects that were found while estimating it."""
 
     estimate: PoseEstimate
     competing: CompetingMotion | None = None
@@ -100,21 +105,21 @@ class Consensus(NamedTuple):
 
     @property
     def covariance(self) -> FloatArray:
-        """Return the (6, 6) covariance of the pose, camera frame, rotation first [rad^2, m^2].
+        """Return the covariance (6, 6) of the pose (rad^2, m^2), camera frame, rotation first.
 
-        If there is a competing motion, this is the covariance of the mixture of both poses,
-        weighted by their shares, about the chosen pose.
+        With a competing motion, it is the covariance about the chosen pose of the mixture of both
+        poses, weighted by their ratios.
         """
         return covariance(self.estimate) + self.ambiguity
 
     @property
     def image_covariance(self) -> FloatArray:
-        """Return the (6, 6) part of `covariance` whose errors differ from image to image."""
+        """Return the part (6, 6) of `covariance` whose errors are independent between images."""
         return self.estimate.independent_share * covariance(self.estimate) + self.ambiguity
 
     @property
     def ambiguity(self) -> FloatArray:
-        """Return the (6, 6) covariance that a competing motion adds to that of the pose."""
+        """Return the covariance (6, 6) that a competing motion adds to that of the pose."""
         if self.competing is None:
             return np.zeros((6, 6))
         twist, chosen, other = self.competing
@@ -131,15 +136,15 @@ class _Hypothesis(NamedTuple):
 
     @property
     def supporters(self) -> BoolArray:
-        """Return the (D,) mask of inliers, tested with the noise that all costs show."""
+        """Return the mask (D,) of inliers that also fit at the noise estimated from all costs."""
         return np.asarray(self.inliers & (self.cost <= CHI2_STEREO * _noise_scale(self.cost)))
 
 
 class PoseConsensus:
-    """Estimates the pose of one image from matches of which some may be on moving objects.
+    """Estimates the pose of an image from matches some of which may be on moving objects.
 
-    `camera` has the noise that was measured in the images. A `prior` of the pose, such as that
-    of a gyro, is used in the fit of each hypothesis.
+    `camera` has the measured noise. A `prior` of the pose, such as one from a gyro, is used in the
+    fit of each hypothesis.
     """
 
     def __init__(
@@ -157,12 +162,12 @@ class PoseConsensus:
         *,
         is_initial: bool = False,
     ) -> Consensus:
-        """Return the pose that the well-observed points support, starting from an initial one.
+        """Return the pose that the well-observed points support, from an initial pose (4, 4).
 
         If too few of the N matches are of well-observed points, all matches decide. If the
-        consensus is switched off, the pose that fits all matches best is returned. For an initial
-        pose (`is_initial`), which only guides the search for more matches, a small bias does no
-        harm, and no biasing region is searched for.
+        consensus is disabled, the pose that fits all matches best is returned. With `is_initial`,
+        the result only guides the search for more matches: a small bias does no harm, so that no
+        biasing region is searched for.
         """
         fit_to_all = optimize_pose(self.camera, problem, T_camera_map, self.prior)
         if not self._config.enabled:
@@ -193,9 +198,9 @@ class PoseConsensus:
         return _Hypothesis(fit.T_camera_map, fit.information, cost, inliers)
 
     def _competing_hypotheses(self, deciding: PoseProblem, fit: _Hypothesis) -> list[_Hypothesis]:
-        """Return the poses of the distant and of the near half of the deciding matches.
+        """Return the poses fitted to the distant and to the near half of the deciding matches.
 
-        A half that is consistent with `fit`, the pose of all deciding matches, is left out.
+        There is none for a half that is consistent with `fit`, the pose of all of them.
         """
         if len(deciding) < 2 * _MIN_HALF:
             return []
@@ -209,9 +214,9 @@ class PoseConsensus:
     def _hypothesis_of_half(
         self, deciding: PoseProblem, half: BoolArray, fit: _Hypothesis
     ) -> _Hypothesis | None:
-        """Return the pose of one half of the matches, refitted to all matches that support it.
+        """Return the pose of a half (D,) of the matches, refitted to all matches that support it.
 
-        None is returned if `fit`, the pose of all D matches, is consistent with the half (D,).
+        None if the half is consistent with `fit`, the pose of all D matches.
         """
         matches_of_half = deciding.select(half)
         own = optimize_pose(self.camera, matches_of_half, fit.T_camera_map, self.prior)
@@ -227,12 +232,12 @@ class PoseConsensus:
     def _without_biasing_region(
         self, deciding: PoseProblem, biased: _Hypothesis
     ) -> tuple[_Hypothesis, ViewRegion] | None:
-        """Return the pose refitted without the most biasing region, and this region, if any.
+        """Return the pose refitted without the most biasing region, and this region, or None.
 
-        An object that moves slowly fits the pose of all matches nearly as well as the static
-        scene, so that residuals do not show it. When its matches are left out, however, the pose
-        of the other matches changes, and their cost falls by more than noise explains. In a blur,
-        it falls whatever is left out; there, the other matches do not fit the new pose either.
+        A slowly moving object fits the pose of all matches nearly as well as the static scene, so
+        that residuals do not reveal it. But if its matches are left out, the pose of the others
+        changes, and their cost falls by more than noise explains. In blurred images the cost falls
+        whatever is left out, but then the other matches do not fit the new pose either.
         """
         config = self._config
         if not config.leave_out_parts or len(deciding) < config.min_well_observed:
@@ -252,7 +257,8 @@ class PoseConsensus:
         found = self._hypothesis(deciding, deciding.select(rest), biased.T_camera_map)
         if self._is_consistent(biased.cost[rest], found.cost[rest], config.min_cost_decrease):
             return None
-        if median(found.cost[rest]) > _MEDIAN_COST:  # more than the measured noise explains
+        # Larger errors than the measured noise explains.
+        if median(found.cost[rest]) > _MEDIAN_COST:
             return None
         return found._replace(inliers=found.inliers & rest), ViewRegion(worst.low, worst.high)
 
@@ -263,10 +269,10 @@ class PoseConsensus:
         hypothesis: _Hypothesis,
         fit_to_all: PoseEstimate,
     ) -> PoseEstimate:
-        """Return the pose refitted to more matches if it is consistent with the hypothesis.
+        """Return the pose refitted to more matches if that is consistent with the hypothesis.
 
-        First the pose of all matches is tried, then that of the matches that fit the hypothesis,
-        which may increase the cost of its inliers by `max_cost_increase`.
+        First the pose of all matches is tried, then that of all matches which fit the hypothesis;
+        the latter may increase the cost of its inliers by `max_cost_increase`.
         """
         if self._supports(deciding, hypothesis, fit_to_all, 0.0):
             return fit_to_all
@@ -290,15 +296,15 @@ class PoseConsensus:
         estimate: PoseEstimate,
         tolerance: float,
     ) -> bool:
-        """Return whether an estimate fits a hypothesis's inliers as well as the hypothesis."""
+        """Return whether the hypothesis's inliers fit an estimate as well as the hypothesis."""
         inliers = hypothesis.inliers
         cost = self._evaluate(deciding, estimate.T_camera_map).cost
         return self._is_consistent(cost[inliers], hypothesis.cost[inliers], tolerance)
 
     def _is_consistent(self, cost: FloatArray, least: FloatArray, tolerance: float) -> bool:
-        """Return whether the costs (N,) of some matches are hardly higher than their minima.
+        """Return whether costs (N,) of matches are hardly higher than their least costs (N,).
 
-        Their sum may be larger by the share `tolerance` and by `cost_margin`.
+        The sum may be higher by the ratio `tolerance` plus `cost_margin`.
         """
         cost, least = _rescaled(cost, least)
         return bool(cost.sum() <= self._config.cost_margin + (1 + tolerance) * least.sum())
@@ -306,7 +312,7 @@ class PoseConsensus:
     def _prefers(
         self, problem: PoseProblem, other: _Hypothesis, estimate: PoseEstimate
     ) -> BoolArray:
-        """Return the (N,) mask of matches that fit another hypothesis better than an estimate."""
+        """Return the mask (N,) of matches that fit another hypothesis better than an estimate."""
         other_cost, cost = _rescaled(
             self._evaluate(problem, other.T_camera_map).cost,
             self._evaluate(problem, estimate.T_camera_map).cost,
@@ -336,23 +342,23 @@ def _is_better(one: _Hypothesis, other: _Hypothesis) -> bool:
 
 
 def _rescaled(cost: FloatArray, other_cost: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the (N,) costs of two poses, normalized by the smaller noise and truncated."""
+    """Return the costs (N,) of two poses, normalized by the smaller noise and truncated."""
     scale = min(_noise_scale(cost), _noise_scale(other_cost))
     return np.minimum(cost / scale, _MAX_COST), np.minimum(other_cost / scale, _MAX_COST)
 
 
 def _noise_scale(cost: FloatArray) -> float:
-    """Return the noise variance that the median cost shows, as a share of the assumed variance.
+    """Return the noise variance, from the median cost, as a ratio to the assumed variance.
 
-    The noise in a new map is not measured yet. If it were assumed too large, a moving object would
-    fit a pose halfway, and its few points would outweigh the many static ones.
+    In a new map, the noise is not measured yet. If the assumed one were too large, a moving object
+    would half fit a pose, and its few points would outweigh the many static ones.
     """
     typical = median(cost) if len(cost) else np.inf
     return min(max(typical / _MEDIAN_COST, _MIN_NOISE_SCALE), 1.0)
 
 
 def _competing_motion(best: _Hypothesis, other: _Hypothesis | None) -> CompetingMotion | None:
-    """Return the motion between two hypotheses; None if it is noise or has no supporters."""
+    """Return the motion between two hypotheses; None if it is only noise or has no support."""
     if other is None:
         return None
     twist = se3.log(other.T_camera_map @ se3.inverse(best.T_camera_map))

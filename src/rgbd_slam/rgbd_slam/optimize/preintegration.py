@@ -1,4 +1,4 @@
-"""Integrals of the samples of an IMU by GTSAM's preintegration."""
+"""Integration of IMU samples by GTSAM's preintegration."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from hoid_common.values import BoolArray, FloatArray
 
 
 class Preintegrated(NamedTuple):
-    """Integrals from a start to M times, along the axes of the IMU at the start.
+    """Integrals of IMU samples from a start to M times, along the IMU's axes at the start.
 
-    The specific force contains gravity: in the frame of the start, the position of the IMU is
-    position + velocity * time - 0.5 * gravity * time^2 + `moved_m`.
+    The specific force includes gravity. With position, velocity and gravity (upwards) at the
+    start, the later position is position + velocity * time - 0.5 * gravity * time^2 + `moved_m`.
     """
 
     R_start_imu: FloatArray  # (M, 3, 3)
@@ -27,11 +27,11 @@ class Preintegrated(NamedTuple):
 def preintegrated(
     steps_s: FloatArray, rates_radps: FloatArray, forces_mps2: FloatArray, is_wanted: BoolArray
 ) -> Preintegrated:
-    """Return the integrals at the start and at the end of the M - 1 wanted of N steps.
+    """Return the integrals at the start, and at the end of each of the M - 1 wanted steps of N.
 
-    `PreintegratedImuMeasurements` (Forster et al., T-RO 2017) takes a force to be constant along
-    the axes at the start of its step. The force (N, 3) in the middle of each step is turned
-    accordingly. Rates (N, 3) and forces are without bias.
+    `PreintegratedImuMeasurements` (Forster et al., T-RO 2017) assumes that a force is constant in
+    the IMU's frame at the start of its step. The forces (N, 3), measured in the middle of the
+    steps, are therefore rotated to that frame. Rates (N, 3) and forces are without bias.
     """
     half_turns = np.zeros((len(steps_s), 6))
     half_turns[:, :3] = 0.5 * steps_s[:, None] * rates_radps

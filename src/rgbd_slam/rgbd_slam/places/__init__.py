@@ -1,1 +1,1 @@
-"""Place recognition: finds keyframes that show the place of an image, and verifies the pose."""
+"""Place recognition: finds keyframes that show the place of an image, and verifies its pose."""

@@ -2,11 +2,11 @@
 
 RANSAC over descriptor matches with the keyframe gives a pose. The points around the keyframe are
 then searched where that pose predicts them (loop verification of ORB-SLAM2, Mur-Artal and Tardos,
-T-RO 2017). In a second place with identical furniture, many points are found, but more are
-missing, because the walls differ. Therefore enough of the expected points must have been found, to
-which each point contributes its detection probability, and depth measurements may lie behind only
-few of the others. Points without features around them (masked people, blank walls) and points
-behind an occluding object do not count.
+T-RO 2017). In another place with identical furniture, many points are found, but more are missing,
+because the walls differ. Therefore the found points must be a sufficient ratio of the expected
+number, the sum of the points' detection probabilities. And depth measurements may lie behind only
+few of the missing points. Points without features around them (masked people, blank walls) and
+points behind an occluding object do not count.
 """
 
 from __future__ import annotations
@@ -34,15 +34,16 @@ from rgbd_slam.model.points import PointTable
 from rgbd_slam.optimize.alignment import align_image
 from rgbd_slam.optimize.pose_optimizer import PoseEstimate, PoseProblem, covariance, optimize_pose
 
-# Not tuned: factors on the search windows of ORB-SLAM3, in the first search for the error of a
-# RANSAC pose, and in the second search for that of an optimized pose.
+# Not tuned: factors on ORB-SLAM3's search windows, for the errors of a RANSAC pose in the first
+# search, and of an optimized pose in the second.
 _SEARCH_RADII = (4.0, 2.0)
-_KNOWN_FRAMES = 10  # chosen: over these, the share that finds a point is known to 0.1
-_MIN_MATCHES = 10  # not tuned: number of matches below which no pose is optimized
-# Not tuned: half side of the window around a point in which features are compared, and the number
-# of depths that contradict a point, as a single one may be wrong at a depth edge. A depth lies
-# behind or in front of a point if they differ by more than noise and the slope of surfaces
-# explain: a constant part plus a share of the point's depth.
+# Chosen: after this many frames, the ratio of frames that find a point is known to 0.1.
+_KNOWN_FRAMES = 10
+_MIN_MATCHES = 10  # not tuned: with fewer matches, no pose is optimized
+# Not tuned: half side of the window around a point in which features are compared, and least
+# number of depths that contradict a point, because a single one may be wrong at a depth edge. A
+# depth is behind or in front of a point if it differs by more than noise and the slope of surfaces
+# explain: a constant part plus a ratio of the point's depth.
 _WINDOW_PX = 12.0
 _MIN_DEPTHS = 2
 _DEPTH_TOLERANCE_M = 0.10
@@ -56,8 +57,8 @@ class PlaceMatch(NamedTuple):
     covariance: FloatArray  # (6, 6) in the camera frame, rotation first [rad^2, m^2]
     k: IntArray  # (M,) features of the image that fit the pose
     j: IntArray  # (M,) rows of the map points that they observe
-    # Found points divided by expected ones (`PlaceEvidence`), at most 1; those of all views that
-    # were compared, if the match is a loop with a large correction.
+    # Number of found points divided by the expected number (`PlaceEvidence`), at most 1; for a
+    # loop with a large correction, of all compared views together.
     found_share: float = 0.0
 
     @property
@@ -72,15 +73,15 @@ class PlaceMatch(NamedTuple):
 class PlaceEvidence(NamedTuple):
     """How well an image agrees with the map points that are expected in it."""
 
-    # Sum over the observable points of the probability that an image finds the point.
+    # Expected number: sum of the detection probabilities of the observable points.
     num_expected: float
-    # Number of observable points that were found, divided by num_expected (by 1 if that is less).
+    # Number of observable points that were found, divided by num_expected (at least by 1).
     found_share: float
-    # Share of the points in view that were not found and that all depths near them contradict.
+    # Ratio of the points in view that were not found and are contradicted by all depths near them.
     contradicted_share: float
-    # Number of the observable points that at least 10 frames should have shown, each weighted by
-    # the share of these frames that did; and how many of these points were found. Their ratio is 1
-    # at the same place, while `found_share` may exceed 1.
+    # Number of observable points that at least 10 frames should have shown, each weighted by the
+    # ratio of these frames that found it; and how many of these points were found. At the same
+    # place, their ratio is 1, while `found_share` may exceed 1.
     num_known: float
     num_known_found: int
 
@@ -92,17 +93,18 @@ class PlaceEvidence(NamedTuple):
 
 
 class Visibility(NamedTuple):
-    """Which of N points in the view of an image could be found in it, and which it contradicts."""
+    """Which of N points in an image's view could be found in it, and which depth contradicts."""
 
-    # (N,) True: there are features near the point's pixel, and the point is not occluded, that is,
-    # not all depths of these features lie in front of it.
+    # (N,) True: there are features near the point's pixel, and not all of their depths are in
+    # front of the point, so that it is not occluded.
     observable: BoolArray
-    # (N,) True: there are at least two depths near the point's pixel, and all lie behind it.
+    # (N,) True: there are at least two depths near the point's pixel, and all are behind the
+    # point.
     contradicted: BoolArray
 
 
 class PlaceVerifier:
-    """Verifies places in a map, which it does not change."""
+    """Verifies places in a map, without changing it."""
 
     def __init__(
         self, atlas: Atlas, camera: StereoCamera, config: VerificationConfig, seed: int
@@ -111,10 +113,10 @@ class PlaceVerifier:
         self._camera = camera
         self._config = config
         self._seed = seed
-        self.doubt = ''  # why the last image that was compared does not show the place
+        self.doubt = ''  # why the last compared image does not show the place
 
     def verify(self, frame: Frame, candidate: int) -> PlaceMatch | None:
-        """Return the pose of a frame if it shows the place of the keyframe in row `candidate`."""
+        """Return the pose of a frame if it shows the place of keyframe `candidate`, else None."""
         matches, seen = self._match_descriptors(frame, candidate)
         points_m = self._atlas.points.position_m[seen[matches.q]]
         rng = np.random.default_rng((self._seed, frame.stamp_ns % 2**63, candidate))
@@ -129,7 +131,7 @@ class PlaceVerifier:
     def search(
         self, frame: Frame, T_camera_map: FloatArray, keyframes: IntArray
     ) -> PlaceMatch | None:
-        """Return the pose of a frame near T_camera_map if it shows points of keyframes (K,)."""
+        """Return a frame's pose near T_camera_map if it shows the points of keyframes (K,)."""
         points = self._atlas.points_of(keyframes)
         found = self._found(frame, T_camera_map, points)
         num_found = 0 if found is None else len(found.k)
@@ -157,8 +159,8 @@ class PlaceVerifier:
     ) -> PlaceMatch | None:
         """Search points (P,) in a frame twice; refine the pose after each search.
 
-        In the narrow windows around the refined pose, matches may have the descriptor distance of
-        matches in tracking: from another side, a point looks different.
+        In the second search, the windows are narrow, and descriptor distances may be as large as
+        in tracking, because points look different from another side.
         """
         limits = self._config.max_hamming, TrackingConfig.max_hamming
         for radius, max_hamming in zip(_SEARCH_RADII, limits, strict=True):
@@ -178,7 +180,7 @@ class PlaceVerifier:
     def _evidence(
         self, frame: Frame, T_camera_map: FloatArray, found: IntArray, points: IntArray
     ) -> PlaceEvidence:
-        """Compare the points (F,) that were found in a frame with all expected ones (P,)."""
+        """Compare the points (F,) found in a frame with all points (P,) expected in it."""
         table = self._atlas.points
         view = visible_points(self._atlas, self._camera, T_camera_map, points, 1.0)
         depth_m = to_camera(T_camera_map, table.position_m[view.points].T)[2]
@@ -200,9 +202,9 @@ class PlaceVerifier:
         )
 
     def _match_descriptors(self, frame: Frame, candidate: int) -> tuple[Matches, IntArray]:
-        """Match the O map points of a keyframe with the features of a frame, by descriptor.
+        """Match the O map points of a keyframe with the features of a frame, by descriptors.
 
-        Returns the matches, whose queries `q` index the points, and the (O,) rows of the points.
+        Return the matches, whose `q` are indices of the points, and the rows (O,) of the points.
         """
         keyframes, config = self._atlas.keyframes, self._config
         observing = np.flatnonzero(keyframes.point_of_feature[candidate] != NO_POINT)
@@ -223,11 +225,11 @@ class PlaceVerifier:
 
 
 def visibility(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> Visibility:
-    """Return which points are observable, and which are contradicted, by the features near them.
+    """Return which points are observable, and which are contradicted by depths near them.
 
-    Args:
-        projection_px: (3, N) predicted u, v, u_right of the points.
-        depth_m: (N,) depths of the points in the camera frame.
+        Args:
+            projection_px: (3, N) predicted u, v, u_right of the points.
+            depth_m: (N,) depths of the points in the camera frame.
     """
     n = len(depth_m)
     q, k = FeatureGrid(frame).search(projection_px[:2], np.full(n, _WINDOW_PX))
@@ -245,9 +247,9 @@ def visibility(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> 
 
 
 def detection_probability(points: PointTable, j: IntArray) -> FloatArray:
-    """Return the (N,) probabilities that a frame finds points, of rows (N,), in its view.
+    """Return the probability (N,) that a frame finds each point (N,) in its view.
 
-    They are shares of earlier frames, smoothed by a Beta(1, 3) prior (chosen, not tuned).
+    It is the ratio of earlier frames that found it, smoothed by a Beta(1, 3) prior (chosen).
     """
     probability: FloatArray = (points.num_found[j] + 1.0) / (points.num_visible[j] + 4.0)
     return probability

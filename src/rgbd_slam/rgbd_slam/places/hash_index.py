@@ -2,8 +2,8 @@
 
 Each hash table uses a fixed subset of the descriptor bits as its key, so that similar descriptors
 often have the same key (Indyk and Motwani, STOC 1998; for ORB: Rublee et al., ICCV 2011). No
-vocabulary is needed. Every vote is a descriptor match whose Hamming distance was checked, so that
-the right place has several times as many votes as the others (docs/results/places_and_loops.md).
+vocabulary is needed. Each vote is a descriptor match with a checked Hamming distance, so that the
+right place gets several times as many votes as others (docs/results/places_and_loops.md).
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.places.place_index import PlaceVotes
 
 _REMOVED = -1
-_HASH_SEED = 12345  # chosen: the bits of the keys are the same in all runs
-# Not tuned: a segment is merged with the next larger one once its size exceeds this share of the
-# size of that one. With a smaller share, adding takes longer; with a larger one, there are more
-# segments, and queries take longer.
+_HASH_SEED = 12345  # chosen: seed of the choice of key bits, which is the same in all runs
+# Not tuned: a segment is merged with the next larger one if its size exceeds this ratio of that
+# size. With a smaller ratio, adding takes longer; with a larger one, there are more segments, and
+# queries take longer.
 _MERGE_SHARE = 1 / 16
 _ROW_BITS = np.uint64(32)
 _ROW_MASK = np.uint64(0xFFFFFFFF)
-_INITIAL_ROWS = 256  # chosen: rows of a new pool, which doubles when it is full
+_INITIAL_ROWS = 256  # chosen: number of rows of a new pool, which doubles when it is full
 
 KeyArray = NDArray[np.uint64]
 
@@ -39,26 +39,26 @@ _NOTHING = np.empty(0, np.int64), np.empty(0, np.int64)
 class HashIndex:
     """A place index that looks keyframes up by the hash keys of their descriptors.
 
-    All descriptors are rows of one array, the pool. A segment holds, for each of T hash tables,
-    the sorted numbers `key << 32 | pool row` of some descriptors. New descriptors become a new
-    segment, which is merged with the one before it if that is not much larger.
+    All descriptors are rows of one array, the pool. A segment has, for each of T hash tables, the
+    sorted numbers `key << 32 | pool row` of a part of the descriptors. New descriptors form a new
+    segment, which is merged with the previous one unless that is much larger.
     """
 
     def __init__(self, config: IndexConfig) -> None:
         self._config = config
         rng = np.random.default_rng(_HASH_SEED)
         orders = [rng.permutation(8 * DESCRIPTOR_BYTES) for _ in range(config.num_tables)]
-        # (T, B) bits of the descriptor that are the key of each table
+        # (T, B) indices of the descriptor bits that form the key of each table
         self._bits = np.array([order[: config.key_bits] for order in orders], np.uint8)
-        self._num_rows = 0  # number of rows of the pool that are in use
+        self._num_rows = 0  # number of used rows of the pool
         self._pool: ByteArray = np.empty((_INITIAL_ROWS, DESCRIPTOR_BYTES), np.uint8)
-        # uid of the keyframe of each row of the pool, or _REMOVED
+        # uid of the keyframe to which each row of the pool belongs, or _REMOVED
         self._uid: IntArray = np.full(_INITIAL_ROWS, _REMOVED)
-        self._rows: dict[int, slice] = {}  # rows of the pool, by the uid of their keyframe
+        self._rows: dict[int, slice] = {}  # by uid of a keyframe: its rows of the pool
         self._segments: list[KeyArray] = []  # from the largest to the smallest
 
     def update(self, atlas: Atlas) -> None:
-        """Add the new keyframes of a map, and remove those that are no longer in it."""
+        """Add new keyframes of a map, and remove those that are not in the map any more."""
         keyframes = atlas.keyframes
         rows = keyframes.indices_by_uid()
         uids, indexed = keyframes.uid[rows], np.array(list(self._rows), np.int64)
@@ -74,7 +74,7 @@ class HashIndex:
         )
 
     def insert(self, keyframes: Mapping[int, ByteArray]) -> None:
-        """Add keyframes that are not in the index, by uid, with their (N, 32) descriptors."""
+        """Add keyframes that are not in the index yet, by uid, with descriptors (N, 32)."""
         if not keyframes:
             return
         new = [self._thinned(descriptors) for descriptors in keyframes.values()]
@@ -103,7 +103,7 @@ class HashIndex:
         self._uid[self._rows.pop(uid, slice(0))] = _REMOVED
 
     def query(self, descriptors: ByteArray) -> PlaceVotes:
-        """Return the keyframes that match descriptors (N, 32), with most votes first."""
+        """Return the keyframes that match descriptors (N, 32), those with most votes first."""
         descriptors = self._thinned(descriptors)
         keys = hash_keys(descriptors, self._bits)
         parts = [_NOTHING, *(self._collisions(segment, keys) for segment in self._segments)]
@@ -111,7 +111,7 @@ class HashIndex:
         uid = self._uid[row]
         near = hamming(descriptors[query], self._pool[row]) <= self._config.max_hamming
         near &= uid != _REMOVED
-        # A descriptor has one vote for a keyframe, even if it was found there several times.
+        # A descriptor has only one vote for a keyframe, even if it matches there several times.
         pairs = np.unique(uid[near] * len(descriptors) + query[near])
         uids, votes = np.unique(pairs // max(len(descriptors), 1), return_counts=True)
         order = np.argsort(-votes, kind='stable')
@@ -123,7 +123,7 @@ class HashIndex:
         return descriptors[rows]
 
     def _collisions(self, segment: KeyArray, keys: KeyArray) -> tuple[IntArray, IntArray]:
-        """Return the (C,) query and pool rows of descriptors with an equal key in one of T tables.
+        """Return query rows (C,) and pool rows (C,) of descriptors with equal keys in a table.
 
         Keys that are too common (`max_bucket`) are left out.
         """
@@ -142,7 +142,8 @@ class HashIndex:
     def _merged(self, large: KeyArray, small: KeyArray) -> KeyArray:
         both = np.concatenate([large, small], axis=1)
         is_kept = self._uid[(both[0] & _ROW_MASK).astype(np.int64)] != _REMOVED
-        if not is_kept.all():  # the rows of the tables are in different orders
+        if not is_kept.all():  # each table has the rows in another order
             is_kept = self._uid[(both & _ROW_MASK).astype(np.int64)] != _REMOVED
             both = both[is_kept].reshape(len(both), -1)
-        return np.sort(both, axis=1, kind='stable')  # fast, as it consists of two sorted parts
+        # Fast, because it consists of two sorted parts.
+        return np.sort(both, axis=1, kind='stable')

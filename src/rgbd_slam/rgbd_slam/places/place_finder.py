@@ -1,4 +1,4 @@
-"""Finds the place of an image: candidates of the place index, verified by geometry."""
+"""Search for the place of an image: candidates from the place index, verified by geometry."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from rgbd_slam.places.pose_hint import PoseHint
 
 _logger = logging.getLogger(__name__)
 
-_AMBIGUOUS_M = 0.3  # not tuned: verified poses farther apart than this are two places
+_AMBIGUOUS_M = 0.3  # not tuned: verified poses that are farther apart are two places
 
 
 class FoundPlace(NamedTuple):
@@ -31,12 +31,13 @@ class FoundPlace(NamedTuple):
 
 
 class Candidate(NamedTuple):
-    """A keyframe that resembles an image, and the result of comparing them; for the log."""
+    """A keyframe that resembles an image, and the result of their comparison, for the log."""
 
     stamp_ns: int  # of the image
     place_stamp_ns: int  # of the keyframe
-    is_in_other_map: bool  # a map that the image is not tracked in
-    doubt: str  # why the image does not show its place, with the kind of reason before a colon
+    # Whether the keyframe is in another map than that in which the image is tracked.
+    is_in_other_map: bool
+    doubt: str  # why the image does not show this place; the kind of reason comes before a colon
 
     def __str__(self) -> str:
         where = ', in another map' if self.is_in_other_map else ''
@@ -47,7 +48,7 @@ class Candidate(NamedTuple):
 
 
 class PlaceFinder:
-    """Finds and verifies places in a map, which it does not change.
+    """Finds and verifies places in a map, without changing it.
 
     Raises:
         ConfigError: No place index has the configured name.
@@ -61,23 +62,23 @@ class PlaceFinder:
         self.verifier = PlaceVerifier(atlas, camera, config.verification, seed)
 
     def index_of(self, atlas: Atlas) -> PlaceIndex:
-        """Return a new place index of another map, which any thread may make."""
+        """Return a new place index of another map; any thread may call this."""
         index = make_place_index(self._index_config.method, self._index_config)
         index.update(atlas)
         return index
 
     def use_index(self, index: PlaceIndex) -> None:
-        """Use an index that `index_of` made, because its map has replaced the running map."""
+        """Use an index from `index_of`, because its map has replaced the running map."""
         self._index = index
 
     def index_places(self) -> None:
-        """Index new keyframes, and remove those that are gone."""
+        """Index new keyframes, and remove those that are not in the map any more."""
         self._index.update(self._atlas)
 
     def candidates(self, descriptors: ByteArray, excluded: IntArray) -> list[int]:
-        """Return the rows of the keyframes most similar to descriptors (N, 32) of an image.
+        """Return the rows of the keyframes most similar to an image's descriptors (N, 32).
 
-        Of keyframes that share at least 15 points, only one is returned; no row in `excluded` is.
+        Of keyframes that share at least 15 points, only one is returned, and none in `excluded`.
         """
         self.index_places()
         keyframes = self._atlas.keyframes
@@ -94,11 +95,11 @@ class PlaceFinder:
         return chosen
 
     def locate(self, frame: Frame, *, in_main_map: bool = False) -> FoundPlace | None:
-        """Return the place of a frame in the map; None if it is unknown or ambiguous.
+        """Return the place of a frame in the map; None if none is found or it is ambiguous.
 
         With identical furniture, two distant places in one map may be verified with about as many
         points. Then neither is returned; a later frame that shows more may resolve the ambiguity.
-        With `in_main_map`, other maps, whose relative pose is unknown, are not searched.
+        With `in_main_map`, only the main map is searched: other maps are not related to it.
         """
         keyframes, excluded = self._atlas.keyframes, np.empty(0, np.int64)
         if in_main_map:
@@ -107,11 +108,11 @@ class PlaceFinder:
         return self._unambiguous_place(frame, excluded)
 
     def locate_near(self, frame: Frame, hint: PoseHint) -> FoundPlace | None:
-        """Return the place of a frame near a given pose in the main map; None if none is found.
+        """Return the place of a frame near a hint of its pose in the main map; None if not found.
 
-        First, map points are searched where the given pose predicts them, which works if the pose
-        is accurate to one or two degrees. If that fails, candidates near the given pose are
-        verified. The pose that is found must be near the given one as well (`PoseHint.reaches`).
+        First, map points are searched where the hint predicts them, which works if it is accurate
+        to one or two degrees. If that fails, candidates of the index near the hint are verified.
+        The found pose must be near the hint too (`PoseHint.reaches`).
         """
         keyframes = self._atlas.keyframes
         rows = keyframes.indices()
@@ -119,7 +120,8 @@ class PlaceFinder:
         is_near = hint.reaches(T_map_camera) & (keyframes.map_id[rows] == main_map(keyframes))
         if not is_near.any():
             return None
-        nearest = np.argsort(hint.distances(T_map_camera[is_near]).sum(0))  # 1 m counts as 1 rad
+        # 1 m counts as much as 1 rad.
+        nearest = np.argsort(hint.distances(T_map_camera[is_near]).sum(0))
         around = rows[is_near][nearest[: 1 + self._config.neighbors]]
         match = self.verifier.search(frame, se3.inverse(hint.T_map_camera), around)
         if match is not None:
@@ -130,7 +132,7 @@ class PlaceFinder:
         return place if is_near_hint else None
 
     def _unambiguous_place(self, frame: Frame, excluded: IntArray) -> FoundPlace | None:
-        """Return the verified place with most inliers, unless another one has about as many."""
+        """Return the verified place with most inliers; None if another has about as many."""
         candidates = self.candidates(frame.descriptors, excluded)
         places = []
         for i in candidates:
@@ -147,7 +149,7 @@ class PlaceFinder:
         return None if is_ambiguous else best
 
     def _are_ambiguous(self, a: FoundPlace, b: FoundPlace) -> bool:
-        """Return whether `a` has about as many inliers as the best place `b` of the same map."""
+        """Return whether `a` is not at the best place `b`, but has about as many inliers."""
         map_id = self._atlas.keyframes.map_id
         if a is b or map_id[a.keyframe] != map_id[b.keyframe]:
             return False

@@ -1,7 +1,7 @@
 """The interface of place indices, and the registry that selects one by name.
 
-Another index, such as one of learned descriptors, is a class that implements `PlaceIndex`, and an
-entry point in the group `rgbd_slam.place_indices`.
+To add an index, for example of learned descriptors, implement `PlaceIndex` in a class and declare
+an entry point in the group `rgbd_slam.place_indices`.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class PlaceIndex(Protocol):
     def __init__(self, config: IndexConfig) -> None: ...
 
     def update(self, atlas: Atlas) -> None:
-        """Add the new keyframes of a map, and remove those that are no longer in it.
+        """Add new keyframes of a map, and remove those that are not in the map any more.
 
         All work for new keyframes is done here, so that `query` is fast.
         """
@@ -42,7 +42,7 @@ class PlaceIndex(Protocol):
 
 
 def make_place_index(name: str, config: IndexConfig) -> PlaceIndex:
-    """Return an empty place index of the kind `name`; ConfigError: there is no such kind."""
+    """Return an empty place index of the kind `name`; ConfigError if there is no such kind."""
     names = {point.name: point.value for point in entry_points(group=ENTRY_POINT_GROUP)}
     names |= PLACE_INDICES
     if name not in names:

@@ -1,1 +1,1 @@
-"""Structures of arrays, and arrays in temporary files; independent of SLAM."""
+"""Structures of arrays, and arrays in temporary files; they know nothing of SLAM."""

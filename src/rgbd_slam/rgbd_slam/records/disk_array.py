@@ -1,4 +1,4 @@
-"""Arrays that grow in a temporary file, so that the operating system can take their memory."""
+"""Growing arrays in a temporary file, whose memory the operating system can reclaim."""
 
 from __future__ import annotations
 
@@ -29,18 +29,19 @@ def temporary_folder() -> Path:
 
 
 class DiskArray:
-    """An array of rows that `grow` moves to an unnamed temporary file, mapped into memory.
+    """An array of rows, which `grow` moves to an unnamed temporary file mapped into memory.
 
-    The space on the disk is reserved before it is used, because writing to a mapped file ends the
-    process with SIGBUS on a full disk. While it cannot be reserved, the array is in memory.
+    Disk space is reserved before it is used, because on a full disk, writing to a mapped file ends
+    the process by SIGBUS. While it cannot be reserved, the array is in memory.
 
     Args:
-        rows: The first rows (N, ...). They are `array` itself until `grow` copies them.
-        what: A noun for the rows, in the plural, for a log line.
+        rows: The first rows (N, ...), which are `array` itself until `grow` copies them.
+        what: A plural noun that names the rows in a log line.
     """
 
     def __init__(self, rows: Array, what: str) -> None:
-        self.array, self._what = rows, what  # (N, ...), another object after `grow`
+        # (N, ...); `grow` replaces the array by another object.
+        self.array, self._what = rows, what
         self._map: mmap.mmap | None = None
         self._file: IO[bytes] | None = None
         self.has_failed = False  # whether `grow` could not enlarge the file
@@ -59,19 +60,20 @@ class DiskArray:
             array = np.frombuffer(self._map, old.dtype).reshape(shape)
         if not (was_in_file and self._map is not None):
             array[: len(old)] = old
-        self.array = array  # only now: other threads may read it
+        self.array = array  # last, because other threads may read it at any time
 
     def write_rows(self, first: int, rows: Array) -> None:
-        """Replace the rows from row `first` on by `rows`, twice as fast as by `array`."""
+        """Replace the rows from `first` on by `rows`, twice as fast as assigning to `array`."""
         if self._file is None:
             self.array[first : first + len(rows)] = rows
             return
         data = rows.reshape(-1).view(np.uint8).data
         if os.pwrite(self._file.fileno(), data, first * rows[:1].nbytes) < len(data):
-            raise OSError(errno.EIO, os.strerror(errno.EIO))  # the space was reserved
+            # It cannot be a full disk, since the space was reserved.
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
 
     def release_memory(self) -> None:
-        """Let the operating system take the memory of rows in the file until they are used."""
+        """Let the operating system reclaim the memory of rows in the file until they are used."""
         if self._map is not None:
             self._map.madvise(mmap.MADV_DONTNEED)
 

@@ -1,4 +1,4 @@
-"""A growing list of fixed-size records: the newest are in memory, old ones in a file."""
+"""A growing list of fixed-size records, of which old ones are in a file."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from hoid_common.errors import InputError
 from hoid_common.io.files import write_error
 from rgbd_slam.records.disk_array import temporary_folder
 
-BLOCK = 1024  # records that are written together; chosen: 34 s of frames at 30 Hz
-_NUM_NEWEST = 2  # blocks that stay in memory: the one that grows, and its predecessor
+BLOCK = 1024  # number of records that are written together; chosen: 34 s of frames at 30 Hz
+_NUM_NEWEST = 2  # number of blocks that stay in memory: the growing one and its predecessor
 
 _logger = logging.getLogger(__name__)
 
@@ -28,19 +28,19 @@ class RecordStore:
     """A list of records of one structured type; old records are in an anonymous temporary file.
 
     The file is in `TMPDIR`, or else in /var/tmp. A thread writes it, because a disk may be slow.
-    Blocks that cannot be written stay in memory; writing them is tried again with the next block.
-    (A memory-mapped file would end the process with SIGBUS on a full disk, and stop the tracker
-    on a slow one.) `what` is a noun for the records, in the plural, for log lines.
+    Blocks that cannot be written stay in memory and are tried again with the next block. (A
+    memory-mapped file would end the process by SIGBUS on a full disk, and stop the tracker on a
+    slow one.) `what` is a plural noun that names the records in log lines.
     """
 
     def __init__(self, dtype: np.dtype[np.void], what: str) -> None:
         self._dtype, self._what = dtype, what
-        self._held = {0: np.empty(BLOCK, dtype)}  # blocks in memory, by number
+        self._held = {0: np.empty(BLOCK, dtype)}  # by number: blocks in memory
         self._count = 0
         self._folder = temporary_folder()
         self._file: IO[bytes] | None = None
         self._writer: Thread | None = None
-        self._lock = Lock()  # protects all blocks but the newest ones
+        self._lock = Lock()  # protects all blocks except the newest ones
         self._has_failed = False
 
     def __len__(self) -> int:
@@ -48,7 +48,7 @@ class RecordStore:
 
     @property
     def num_unwritten(self) -> int:
-        """Return the number of records in memory that could not be written."""
+        """Return the number of records that are in memory because they could not be written."""
         return BLOCK * max(0, len(self._held) - _NUM_NEWEST) if self._has_failed else 0
 
     def append(self, record: tuple[Any, ...]) -> None:
@@ -66,7 +66,7 @@ class RecordStore:
         return record
 
     def __setitem__(self, n: int, record: np.void) -> None:
-        """Replace a record, whose block is in memory until blocks are written next."""
+        """Replace a record; its block stays in memory until blocks are written again."""
         number, i = divmod(n, BLOCK)
         with self._lock:
             if number not in self._held:
@@ -74,14 +74,14 @@ class RecordStore:
             self._held[number][i] = record
 
     def newest(self) -> NDArray[np.void]:
-        """Return copies of the newest records (N,): 1025 to 2048, or all if there are fewer."""
+        """Return copies of the newest records (N,): 1025 to 2048, or all if they are fewer."""
         last = max(0, self._count - 1) // BLOCK
         first = max(0, last + 1 - _NUM_NEWEST)
         blocks = [self._block(number) for number in range(first, last + 1)]
         return np.concatenate(blocks)[: self._count - first * BLOCK]
 
     def blocks(self, count: int) -> Iterator[NDArray[np.void]]:
-        """Yield the first `count` records in blocks, uncopied if in memory; for any thread."""
+        """Yield the first `count` records in blocks, as views if in memory; from any thread."""
         for first in range(0, count, BLOCK):
             yield self._block(first // BLOCK)[: count - first]
 

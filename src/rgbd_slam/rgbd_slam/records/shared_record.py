@@ -1,4 +1,4 @@
-"""Records in temporary files, which several processes map into memory instead of copying them."""
+"""Records in temporary files that several processes map into memory instead of copying them."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ _ALIGNMENT = 64  # bytes; chosen: a cache line
 
 
 class RecordLocation(NamedTuple):
-    """The location of a `SharedRecord`, which is sent to other processes instead of the arrays."""
+    """The location of a `SharedRecord`, which another process receives instead of its arrays."""
 
     path: str
     kind: type[Record]
     lengths: Mapping[str, int]
 
     def map(self) -> Any:
-        """Return the record, read-only, in memory that is shared with the file."""
+        """Return the read-only record, whose memory is shared with the file."""
         arrays, start = {}, 0
         with open(self.path, 'rb') as file:  # noqa: PTH123 - a path below /proc
             data = mmap.mmap(file.fileno(), 0, prot=mmap.PROT_READ)
@@ -39,7 +39,7 @@ class RecordLocation(NamedTuple):
 
 
 class SharedRecord(Generic[R]):
-    """A copy of a record in an unnamed temporary file; OSError: the file cannot be written."""
+    """A copy of a record in an unnamed temporary file; OSError if the file cannot be written."""
 
     def __init__(self, record: R) -> None:
         self._file: IO[bytes] = tempfile.TemporaryFile(dir=temporary_folder())  # noqa: SIM115
@@ -47,9 +47,9 @@ class SharedRecord(Generic[R]):
             data = np.ascontiguousarray(array).reshape(-1).view(np.uint8)
             self._file.write(data.data)
             self._file.write(bytes(-len(data) % _ALIGNMENT))
-        self._file.write(bytes(_ALIGNMENT))  # an empty file cannot be mapped
+        self._file.write(bytes(_ALIGNMENT))  # because an empty file cannot be mapped
         self._file.flush()
-        # Another process of this user finds the file by the descriptor of this one.
+        # Other processes of this user open the file by this process's descriptor.
         path = f'/proc/{os.getpid()}/fd/{self._file.fileno()}'
         self.location = RecordLocation(path, type(record), record.lengths())
         self.record: R = self.location.map()

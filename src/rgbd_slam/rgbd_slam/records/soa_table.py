@@ -1,4 +1,4 @@
-"""A growing structure of arrays that reuses freed rows and records which rows have changed."""
+"""A growing structure of arrays that reuses empty rows and records which rows have changed."""
 
 from __future__ import annotations
 
@@ -12,36 +12,39 @@ from hoid_common.values import BoolArray, IntArray
 
 Column = NDArray[Any]
 DEAD = -1  # uid of an empty row
-_ROWS_AT_ONCE = 2**14  # chosen: rows that are searched for empty ones at once; they fit the cache
+# Chosen: number of rows that are searched for empty ones at once, so that they fit the cache.
+_ROWS_AT_ONCE = 2**14
 
 
 class SoaTableRows(NamedTuple):
-    """Copies of the rows of a table that changed since a version, for another copy of the map."""
+    """Copies of the rows of a table that changed since a version, for a copy of the table."""
 
     capacity: int
     rows: NDArray[np.int32]  # (M,)
     columns: dict[str, Column]  # (M, ...) each
-    new_rows: NDArray[np.int32]  # (L,) the changed rows that were allocated since that version
+    new_rows: NDArray[np.int32]  # (L,) changed rows that were allocated since that version
     fixed_columns: dict[str, Column]  # (L, ...) each
     next_uid: int
 
 
 class SoaTable:
-    """Elements as rows of parallel arrays; the `uid` of an element is never used again.
+    """A table of elements, one per row of parallel arrays, whose uids are never used again.
 
-    Rows are reused after `release`. Code that keeps a row across a change of the map therefore
-    compares the uid of the element with that of the row later.
+    Rows are reused after `release`. Code that keeps a row while the map changes must therefore
+    compare the uid of the row with that of its element.
     """
 
-    fixed: ClassVar[tuple[str, ...]] = ()  # columns that `rows_since` copies of new rows only
-    local: ClassVar[tuple[str, ...]] = ('version', 'born')  # columns that it does not copy
-    wide: ClassVar[tuple[str, ...]] = ()  # columns of integers that do not fit into 32 bits
+    fixed: ClassVar[tuple[str, ...]] = ()  # columns that `rows_since` copies for new rows only
+    local: ClassVar[tuple[str, ...]] = ('version', 'born')  # columns that it never copies
+    wide: ClassVar[tuple[str, ...]] = ()  # integer columns whose values do not fit into 32 bits
 
     def __init__(self, capacity: int) -> None:
-        self.uid: IntArray = np.full(capacity, DEAD, np.int64)  # (N,) never used twice
+        # (N,) version of the map at which the row changed last.
+        self.uid: IntArray = np.full(capacity, DEAD, np.int64)
         # (N,) version of the map at the last change of the row
         self.version: IntArray = np.zeros(capacity, np.int64)
-        self.born: IntArray = np.zeros(capacity, np.int64)  # (N,) version of its allocation
+        # (N,) version of the map at which the row was allocated.
+        self.born: IntArray = np.zeros(capacity, np.int64)
         self._next_uid = 0
         self._num_alive = 0
         self._first_empty = 0  # no row before this one is empty
@@ -59,11 +62,11 @@ class SoaTable:
         return np.not_equal(self.uid, DEAD)
 
     def indices(self) -> IntArray:
-        """Return the (N,) rows that hold an element, in ascending order."""
+        """Return the ascending rows (N,) that hold an element."""
         return np.flatnonzero(self.uid != DEAD)
 
     def indices_by_uid(self) -> IntArray:
-        """Return the (N,) rows that hold an element, in the order of their uids."""
+        """Return the rows (N,) that hold an element, by ascending uid."""
         rows = self.indices()
         return rows[np.argsort(self.uid[rows])]
 
@@ -71,12 +74,12 @@ class SoaTable:
         return self._num_alive
 
     def index_of(self, uid: int) -> int | None:
-        """Return the row of an element, or None if the table does not hold it (any more)."""
+        """Return the row of an element; None if the table does not contain it (any more)."""
         rows = np.flatnonzero(self.uid == uid)
         return int(rows[0]) if uid != DEAD and len(rows) else None
 
     def rows_of(self, uids: IntArray) -> IntArray:
-        """Return the (M,) rows of elements by uid; -1 for those that the table does not hold."""
+        """Return the rows (M,) of elements by uid; -1 for uids that the table does not contain."""
         rows = self.indices_by_uid()
         if len(rows) == 0:
             return np.full(len(uids), -1, np.int64)
@@ -84,11 +87,11 @@ class SoaTable:
         return np.where(self.uid[found] == uids, found, -1)
 
     def allocate(self, count: int, version: int, first_uid: int | None = None) -> IntArray:
-        """Give uids to the lowest empty rows, and return these (count,) rows in ascending order.
+        """Allocate the lowest empty rows for new elements; return these rows (count,), ascending.
 
-        The rows depend only on which rows are empty, so that runs are repeatable. The other
-        columns keep what these rows held before. The uids are the next unused ones, or count from
-        `first_uid`; no uid from that one on may have been used.
+        The result depends only on which rows are empty, so that runs are repeatable. Columns other
+        than uid and versions keep their old values. The uids are the next unused ones, or count
+        from `first_uid`, if no uid from that one on was used.
         """
         if count == 0:
             return np.empty(0, np.int64)
@@ -102,7 +105,7 @@ class SoaTable:
         return rows
 
     def _lowest_empty_rows(self, count: int) -> IntArray:
-        """Return the `count` lowest empty rows; enlarge a table that has fewer."""
+        """Return the `count` lowest empty rows; the table grows if it has fewer."""
         found: list[IntArray] = []
         missing = count
         for start in range(self._first_empty, self.capacity, _ROWS_AT_ONCE):
@@ -122,19 +125,19 @@ class SoaTable:
     def append(
         self, columns: Mapping[str, Column], version: int, first_uid: int | None = None
     ) -> IntArray:
-        """Add N elements with (N, ...) values by column; return their (N,) rows (`allocate`)."""
+        """Add N elements with values (N, ...) by column; return their rows (N,) (`allocate`)."""
         rows = self.allocate(len(next(iter(columns.values()))), version, first_uid)
         for name, values in columns.items():
             getattr(self, name)[rows] = values
         return rows
 
     def shift_uids(self, by: int) -> None:
-        """Add a number to the uids of all elements."""
+        """Add `by` to the uids of all elements."""
         self.uid[self.uid != DEAD] += by
         self._next_uid += by
 
     def release(self, rows: IntArray, version: int) -> None:
-        """Remove the elements of rows, which become empty; rows that are empty are skipped."""
+        """Remove the elements in rows, which become empty; empty rows are skipped."""
         rows = np.unique(rows[self.uid[rows] != DEAD])
         self.uid[rows] = DEAD
         self._num_alive -= len(rows)
@@ -155,7 +158,7 @@ class SoaTable:
         return new
 
     def rows_since(self, version: int) -> SoaTableRows:
-        """Return copies of the rows that changed after `version`, including emptied ones."""
+        """Return copies of the rows that changed after `version`, emptied ones included."""
         rows = np.flatnonzero(self.version > version)
         new_rows = rows[self.born[rows] > version]
         changing = [name for name in self.columns if name not in (*self.fixed, *self.local)]
@@ -174,7 +177,7 @@ class SoaTable:
         return values.astype(np.int32) if is_narrow else values
 
     def put_rows(self, change: SoaTableRows, version: int) -> None:
-        """Overwrite the rows that `rows_since` of another copy of the table returned."""
+        """Overwrite rows with the result of `rows_since` for another copy of the table."""
         if change.capacity > self.capacity:
             self.grow(change.capacity)
         self._num_alive += int(np.count_nonzero(change.columns['uid'] != DEAD))

@@ -1,1 +1,1 @@
-"""The ROS side of the SLAM node: outputs, services, checkpoints and the session's life cycle."""
+"""The ROS part of the SLAM node: outputs, services, checkpoints and the life of the session."""

@@ -1,4 +1,4 @@
-"""Writes the map of the node to its database at intervals, while images are tracked."""
+"""A thread that writes the node's map to its database at intervals, while images are tracked."""
 
 from __future__ import annotations
 
@@ -22,28 +22,27 @@ from rgbd_slam.store.map_writer import MapWriter
 from rgbd_slam.store.running_map import RunningMap
 from rgbd_slam.store.tables import MapHeader
 
-# Chosen: the first checkpoint is written after this time, the others at doubling intervals up to
-# `checkpoint_period_s`.
+# Chosen: time until the first checkpoint; later intervals double up to `checkpoint_period_s`.
 _FIRST_S = 1.0
-_MAX_SHARE = 0.05  # chosen: largest share of the time that is spent on writing
-# Chosen: largest share of the tracker's time that is spent on copying a large map in parts.
+_MAX_SHARE = 0.05  # chosen: largest ratio of the time that is spent on writing
+# Chosen: largest ratio of the tracker's time that is spent on copying a large map in parts.
 _MAX_COPY_SHARE = 0.2
-_NICE = 10  # lower priority than tracking and mapping (decision 016)
+_NICE = 10  # priority below tracking and mapping (decision 016)
 _MS = 1e3
 _VALUE, _FAILED = 'checkpoint', 'checkpoints that failed'
 
 
 class _Copied(NamedTuple):
-    """A copied part of the map, with the header of the checkpoint."""
+    """A copied part of the map, and the header of the checkpoint."""
 
     part: MapPart
     header: MapHeader
-    version: int  # of the map when it was copied
-    copy_s: float  # time for which the tracker waited for the copy
+    version: int  # version of the map when it was copied
+    copy_s: float  # duration of the copy, for which the tracker waited
 
 
 class CheckpointThread:
-    """Writes what has changed in the map about every `period_s`, in a thread of low priority."""
+    """Writes the changes of the map about every `period_s`, in a thread of low priority."""
 
     def __init__(
         self,
@@ -58,15 +57,16 @@ class CheckpointThread:
         self._find_session = session
         self._node_thread = NodeThread(node)
         self._period_s, self._running = period_s, running
-        # While True, nothing is written, because the camera is searched for in the stored map.
+        # True: nothing is written, because the camera is still being localized in the stored map.
         self.is_paused = False
-        # Whether the session continues the stored map; otherwise, the stored map is kept.
+        # True: the session continues the stored map; False: the stored map is kept under another
+        # name.
         self.continues_stored = False
         self._writer: MapWriter | None = None
-        # Version of the map whose last checkpoint was committed; None: there is none.
+        # Version of the map in the last committed checkpoint; None: no checkpoint is committed.
         self._written: int | None = None
         self._lock = RLock()  # guards the database and its writer
-        self._is_writing = Lock()  # held by the only thread besides the node's that may write
+        self._is_writing = Lock()  # held by the thread that writes, other than the node's
         self._is_ended = Event()
         diagnostics.set_count(_FAILED, 0)
         diagnostics.set_value(_VALUE, 'none yet')
@@ -76,7 +76,7 @@ class CheckpointThread:
         self._is_ended.set()
 
     def keep(self) -> None:
-        """Rename the stored map to a saved map, which no node resumes as a checkpoint.
+        """Rename the stored map, so that it is a saved map that no node resumes.
 
         Unless `is_paused`, the latest changes are written to it first.
         """
@@ -86,16 +86,16 @@ class CheckpointThread:
                     self._writer.abort()
                 if not self.is_paused:
                     self._write(is_last=True)
-            except Exception as error:  # noqa: BLE001 - the checkpoint before is kept
+            except Exception as error:  # the previous checkpoint is kept
                 self._report_failure(error)
             self._use_writer(None)
             self.is_paused = self.continues_stored = False
             self._keep_stored()
 
     def copy_to(self, path: Path) -> bool:
-        """Write what has changed, then copy the stored map; return False if there is none.
+        """Write the changes, then copy the stored map to `path`; return False if there is no map.
 
-        It must be called in another thread than the node's.
+        Call this in another thread than the node's.
 
         Raises:
             HoidError: The map cannot be written.
@@ -109,7 +109,7 @@ class CheckpointThread:
                 return True
 
     def _keep_stored(self) -> bool:
-        """Rename the stored map; return False, after logging why, if that is not possible."""
+        """Rename the stored map; if that is not possible, log the reason and return False."""
         try:
             kept = self._running.keep()
         except (HoidError, OSError) as error:
@@ -125,7 +125,7 @@ class CheckpointThread:
         self._writer, self._written = writer, None
 
     def _run(self) -> None:
-        os.setpriority(os.PRIO_PROCESS, get_native_id(), _NICE)  # of this thread alone
+        os.setpriority(os.PRIO_PROCESS, get_native_id(), _NICE)  # niceness of this thread only
         pause_s = usual_s = min(_FIRST_S, self._period_s)
         while not self._is_ended.wait(pause_s):
             took_s = 0.0
@@ -138,9 +138,9 @@ class CheckpointThread:
             pause_s = max(usual_s, took_s / _MAX_SHARE)
 
     def _write(self, *, is_last: bool = False) -> float:
-        """Write what has changed in the map, and return the time [s] that writing took.
+        """Write the changes of the map; return the duration (s) of writing.
 
-        With `is_last`, this is the node's thread, which does not wait between parts of the map.
+        With `is_last`, the node's thread calls this, and does not wait between parts of the map.
         """
         call = operator.call if is_last else self._node_thread.call
         task = call(self._begin)
@@ -162,14 +162,14 @@ class CheckpointThread:
                     self._is_ended.wait(copied.copy_s / _MAX_COPY_SHARE)
         finally:
             with self._lock:
-                writer.abort()  # does nothing after the last part
+                writer.abort()  # no effect after the last part
         return wrote_s
 
     def _begin(self) -> tuple[MapWriter, MapHeader | None] | None:
-        """Return the writer of the next checkpoint; None if none is due. Runs between images.
+        """Return the writer of the next checkpoint; None if none is due. Called between images.
 
-        If the map has not changed since the last checkpoint, its header is returned as well, and
-        only the header is written.
+        If the map has not changed since the last checkpoint, also return its header, because only
+        the header is written then.
         """
         session = self._find_session()
         if session is None or self.is_paused:
@@ -184,7 +184,7 @@ class CheckpointThread:
         return self._writer, header if is_same else None
 
     def _open(self, writer: MapWriter, header: MapHeader | None) -> bool:
-        """Begin the transaction of a checkpoint; return False if there is nothing to copy."""
+        """Begin the transaction of a checkpoint; return False if no part needs to be copied."""
         with self._lock:
             if writer is not self._writer:
                 if not self.continues_stored and not self._keep_stored():
@@ -198,7 +198,7 @@ class CheckpointThread:
             return True
 
     def _copy(self, writer: MapWriter) -> _Copied | None:
-        """Copy the next part of the map; None if the map was discarded. Runs between images."""
+        """Copy the next part of the map; None if the map was discarded. Called between images."""
         session = self._find_session()
         if session is None or writer is not self._writer or not writer.is_open:
             return None
@@ -210,12 +210,13 @@ class CheckpointThread:
         return _Copied(part, header, version, time.perf_counter() - start_s)
 
     def _append(self, writer: MapWriter, copied: _Copied) -> bool:
-        """Write a part of the map; return False without writing if the map was discarded."""
+        """Write a part of the map; if the map was discarded, return False without writing."""
         with self._lock:
             if writer is not self._writer or not writer.is_open:
                 return False
             if writer.append(copied.part, copied.header):
-                self._written = copied.version  # only now: a full disk refuses the transaction
+                # Only now, because the transaction fails on a full disk.
+                self._written = copied.version
             return True
 
     def _report(self, num_keyframes: int, took_s: float, longest_s: float) -> None:

@@ -1,4 +1,4 @@
-"""Resumes the map of a node that was killed, and keeps every map (decision 054)."""
+"""Resumption of the map of a killed node; every map is kept (decision 054)."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from rgbd_slam.session import Processed, SlamSession
 from rgbd_slam.store.map_file import MapFile
 from rgbd_slam.store.running_map import RunningMap
 
-# Chosen: time (of image stamps) for which the camera is only relocalized in the old map before a
-# new map is started beside it.
+# Chosen: for this time, by image stamps, the camera is only relocalized in the old map; then a new
+# map is started beside it.
 _RELOCALIZE_NS = 30 * NS_PER_S
 _SEARCHING = 'resumed after a crash: relocalizing the camera in the map from before'
 _FOUND = 'resumed after a crash: the camera is found in the map from before; mapping goes on'
@@ -31,9 +31,9 @@ _NOT_FOUND = 'not found in the map from before the crash: a new map is started b
 
 
 class Checkpoints:
-    """Writes the map at intervals, and resumes the map that a killed node has left.
+    """Writes the map at intervals, and resumes the map of a killed node.
 
-    A map that is not resumed is kept under a name of its own.
+    A map that is not resumed is kept under another name.
     """
 
     def __init__(
@@ -47,8 +47,7 @@ class Checkpoints:
         self._logger = node.get_logger()
         self._running, self._find_session = running, session
         self._thread: CheckpointThread | None = None
-        # Stamp at which a resumed session stops searching for the camera in the old map; None: it
-        # is not searching.
+        # Stamp at which a resumed session stops relocalizing in the old map; None: it does not.
         self._search_end_ns: int | None = None
         self._stored: Future[MapFile | None] = Future()
         if not running.is_owned:
@@ -66,11 +65,11 @@ class Checkpoints:
         return self._stored.result() is not None
 
     def resume(self, session: SlamSession, stamp_ns: int, loader: MapLoader) -> bool:
-        """Load the map of a killed node into a new session; return whether this has begun.
+        """Load the map of a killed node into a new session; return whether loading has begun.
 
-        The session only localizes until `finish_resume` returns it to mapping. A map is not loaded
-        if it does not fit the camera, or if its last image is later than `stamp_ns` (a recording
-        played again).
+        The session only localizes until `finish_resume` switches it to mapping. A map is not
+        loaded if it does not fit the camera, or if its last image is later than `stamp_ns` (a
+        replayed recording).
         """
         stored = self._stored.result()
         if stored is None:
@@ -87,7 +86,8 @@ class Checkpoints:
             loader.load_first(session, stored, stored.session, lambda: None, extend=True)
         except MapFileError as error:
             self._logger.warning(f'the checkpoint is not used: {error}')
-            return False  # it is kept, because a corrected camera info that fits it may follow
+            # The map is kept, because a corrected camera_info that fits it may follow.
+            return False
         self._forget_stored()
         session.map.is_growing = False
         self._search_end_ns = stamp_ns + _RELOCALIZE_NS
@@ -100,7 +100,7 @@ class Checkpoints:
         return True
 
     def finish_resume(self, session: SlamSession, done: Processed) -> Processed:
-        """Switch the session to mapping once the camera is found, or after 30 s of searching."""
+        """Switch the session to mapping once the camera is localized, or after 30 s."""
         if self._search_end_ns is None:
             return done
         if session.map.is_loading:
@@ -113,12 +113,13 @@ class Checkpoints:
             message = _FOUND if is_found else _NOT_FOUND
             if self._thread is not None:
                 self._thread.is_paused = False
-                self._thread.continues_stored = is_found  # otherwise, the stored map is kept
+                # False: the stored map is kept under another name.
+                self._thread.continues_stored = is_found
             self._logger.warning(message)
         return done._replace(status=replace(done.status, mode=session.mode, message=message))
 
     def keep(self) -> None:
-        """Keep the map under a name of its own, so that no node resumes it."""
+        """Keep the map under another name, so that no node resumes it."""
         self._search_end_ns = None
         if self._thread is not None:
             self._thread.keep()
@@ -133,16 +134,16 @@ class Checkpoints:
             )
 
     def copy_to(self, path: Path) -> bool:
-        """As `CheckpointThread.copy_to`; return False if checkpoints are off."""
+        """Do as `CheckpointThread.copy_to`; return False if checkpoints are off."""
         return self._thread is not None and self._thread.copy_to(path)
 
     def discard(self) -> None:
-        """Keep the map as `keep` does, and resume no map of a killed node, as after a reset."""
+        """Keep the map (`keep`), and do not resume the map of a killed node; used by a reset."""
         self._forget_stored()
         self.keep()
 
     def close(self, *, is_asked_for: bool) -> None:
-        """Write no further checkpoints; `keep` the map unless an error has ended the node."""
+        """Stop writing checkpoints, and `keep` the map unless an error has ended the node."""
         if self._thread is not None:
             self._thread.end()
         if is_asked_for:
@@ -150,7 +151,7 @@ class Checkpoints:
         self._running.disown()
 
     def _read(self, done: Future[MapFile | None]) -> None:
-        """Read the checkpoint of a killed node; `keep` may have replaced `done` meanwhile."""
+        """Read a killed node's checkpoint into `done`, which `keep` may replace meanwhile."""
         stored = None
         try:
             if note := self._running.outdated():

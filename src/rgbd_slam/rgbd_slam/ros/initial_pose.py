@@ -1,4 +1,4 @@
-"""The topic `initialpose`, on which an operator gives the robot's pose, for example in RViz."""
+"""The topic `initialpose`: an operator states the robot's pose, for example in RViz."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def relocalize_near_initial_poses(
     session: Callable[[], SlamSession],
     find_in_map: Callable[[str], FloatArray | None],
 ) -> None:
-    """Subscribe to initial poses, near which the session is relocalized first.
+    """Subscribe to initial poses; the session then relocalizes near them first.
 
-    Args:
-        find_in_map: Returns T_map_frame (4, 4) for the name of a frame, or None if it is unknown.
+        Args:
+            find_in_map: Returns T_map_frame (4, 4) for the name of a frame, or None if it is unknown.
     """
 
     def on_pose(msg: PoseWithCovarianceStamped) -> None:

@@ -1,4 +1,4 @@
-"""Publishes the poses of keyframes and of images, for nodes whose maps move with the keyframes."""
+"""Publishing of keyframe and image poses, for nodes whose maps are attached to keyframes."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from hoid_common.values import IntArray
 from rgbd_slam.config.node_config import FrameConfig
 from rgbd_slam.session import SlamSession
 
-_PERIOD_S = 0.2  # chosen: shortest time between two messages that only correct poses
-_MAX_SHARE = 0.02  # chosen: largest share of the tracker's time for messages of corrected poses
+_PERIOD_S = 0.2  # chosen: shortest time between two messages with corrected poses only
+_MAX_SHARE = 0.02  # chosen: largest ratio of the tracker's time for messages with corrected poses
 
 
 class KeyframeOutputs:
     """The topics `keyframe_poses` (latched) and `tracked_images`, while they have subscribers.
 
-    Poses are published when they have changed, and always before the first image that is relative
-    to a new keyframe.
+    Keyframe poses are published when they have changed, and always before the first image whose
+    pose is relative to a new keyframe.
     """
 
     def __init__(
@@ -41,7 +41,8 @@ class KeyframeOutputs:
     ) -> None:
         self._frames, self._find_session = frames, session
         self._loaded = LoadedKeyframes()
-        self._last = SessionKeyframes('', None, False, NO_KEYFRAMES)  # as published last
+        # The poses that were published last.
+        self._last = SessionKeyframes('', None, False, NO_KEYFRAMES)
         self._published: object = None  # `pose_version` of these poses
         self._next_s = 0.0  # monotonic time before which no corrected poses are published
         self._poses = OnDemandPublisher(
@@ -50,23 +51,23 @@ class KeyframeOutputs:
         self._images = OnDemandPublisher(
             node, TrackedImageMsg, topics.TRACKED_IMAGES, qos.OUTPUT, lambda: None
         )
-        # The map changes after the last image as well.
+        # A timer, because the map also changes after the last image.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         node.create_timer(_PERIOD_S, self._publish_change, clock=steady)
 
     def begin(self) -> None:
-        """Publish that the map was discarded, with all that was relative to its keyframes."""
+        """Publish that the map was discarded, and with it all data attached to its keyframes."""
         self._loaded = LoadedKeyframes()
         self._publish()
 
     def note_loaded(
         self, source: str, saved_uids: IntArray, loaded_uids: IntArray, *, keep: bool
     ) -> None:
-        """Publish that a map was loaded.
+        """Publish that a saved map was loaded.
 
         Args:
-            source: Path of its file, or the session of the crashed node that it is from.
-            saved_uids: (K,) ascending uids of its keyframes in this source.
+            source: Path of its file, or the session of the crashed node that has mapped it.
+            saved_uids: (K,) ascending uids of its keyframes in that source.
             loaded_uids: (K,) their present uids.
             keep: Whether the running map was kept beside it.
         """
@@ -116,7 +117,7 @@ class KeyframeOutputs:
         return keyframe_poses_to_msg(known, conversions.header_to_msg(stamp_ns, self._frames.map))
 
     def _publish_change(self) -> None:
-        """Publish the poses if they have changed, unless they were published a moment ago."""
+        """Publish the poses if they have changed, but not if they were published a moment ago."""
         session = self._find_session()
         if session is None or time.monotonic() < self._next_s:
             return

@@ -1,7 +1,7 @@
-"""Loads saved maps into the node's session while images are tracked.
+"""Loading of saved maps into the node's session, while images are tracked.
 
-Reading, checking and restoring a map of 10,000 keyframes takes seconds, and is done in other
-threads and processes. The tracker's thread only starts it and later exchanges the maps.
+Reading, checking and restoring a map of 10,000 keyframes takes seconds. Other threads and
+processes do it; the tracker's thread only starts it and later exchanges the maps.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.session import SlamSession
 from rgbd_slam.store.map_file import MapFile
 
-# Time limit for the requests before a load. Chosen: twice the limit of the mapping process for a
-# global adjustment.
+# Limit of the wait for earlier requests to the mapper. Chosen: twice the limit of the mapping
+# process for a global adjustment.
 _QUEUE_S = 40.0
-# Time limit for loading. Chosen: many times the duration for the largest map, for a busy machine.
+# Limit of the loading. Chosen: many times the duration for the largest map, for a busy computer.
 _LOAD_S = 600.0
-# Chosen: how long a new session waits for its map. A map of some hundred keyframes is loaded
-# within this time, so that the first image is relocalized in it.
+# Chosen: time for which a new session waits for its map. A map of some hundred keyframes is loaded
+# by then, so that the first image is relocalized in it.
 _PATIENCE_S, _SHORT_POLL_S = 2.0, 0.002
 
 
 class MapLoader:
-    """Loads saved maps; `keep_running` is called before one replaces the running map."""
+    """Loads saved maps; calls `keep_running` before one replaces the running map."""
 
     def __init__(
         self,
@@ -47,12 +47,12 @@ class MapLoader:
     def load(
         self, session: SlamSession, content: MapFile, source: str, *, keep: bool, extend: bool
     ) -> None:
-        """Load a map from another thread than the node's, and wait until it is in use.
+        """Load a map and wait until it is in use; called in another thread than the node's.
 
         Args:
-            source: Path of its file, or the session of the crashed node that it is from.
+            source: Path of its file, or the session of the crashed node that has mapped it.
             keep: Whether the running map is kept beside it.
-            extend: Whether the map will be extended, and not only localized in.
+            extend: True: the map will be extended; False: only localization.
 
         Raises:
             MapFileError: The map does not fit the camera; the running map is unchanged.
@@ -79,11 +79,11 @@ class MapLoader:
         *,
         extend: bool,
     ) -> None:
-        """Load a map into a new session, from the node's thread, and wait for it for at most 2 s.
+        """Load a map into a new session in the node's thread, and wait for it at most 2 s.
 
-        A larger map is then loaded in the background; no image is tracked until it is loaded. The
-        arguments and errors are those of `load`; `on_loaded` is called in the node's thread when
-        the map is in use.
+        If that is not enough, the map is loaded in the background, and no image is tracked until
+        then. Arguments and errors are those of `load`; `on_loaded` is called in the node's thread
+        when the map is in use.
         """
         loading, is_loaded = session.map.prepare_load(content, extend=extend), Event()
 
@@ -91,7 +91,7 @@ class MapLoader:
             is_loaded.set()
             on_loaded()
 
-        # Nothing was requested from the new mapper before, so that this begins at once.
+        # The new mapper has no requests yet, so that loading begins at once.
         self._begin(session, loading, source, content.keyframes().uids, loaded)
 
         def complete() -> None:
@@ -114,7 +114,7 @@ class MapLoader:
         saved_uids: IntArray,
         on_loaded: Callable[[], None],
     ) -> bool:
-        """Begin to load a map; return False if the mapper is too busy."""
+        """Start loading a map; return False if the mapper is too busy."""
         keep, running = loading.keeps_running, session.map
         if running.is_loading:
             raise InputError('another map is being loaded; try again')
@@ -132,7 +132,7 @@ class MapLoader:
         return True
 
     def _complete(self, session: SlamSession, loading: MapLoading, loaded: Event) -> None:
-        """Restore a map for the tracker, and wait until `loaded` reports that it is in use."""
+        """Restore a map for the tracker, and wait until `loaded` is set, because it is in use."""
         loading.restore()
 
         def is_loaded() -> bool:
@@ -145,7 +145,7 @@ class MapLoader:
     def _poll(
         self, session: SlamSession, function: Callable[[], bool], limit_s: float, late: str
     ) -> None:
-        """Call a function in the node's thread until it returns True."""
+        """Call a function in the node's thread until it returns True; else InputError `late`."""
 
         def checked() -> bool:
             if self._session() is not session:

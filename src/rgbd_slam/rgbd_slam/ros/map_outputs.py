@@ -1,4 +1,4 @@
-"""Publishes path, map points and keyframes of the main map in a separate thread."""
+"""Publishing of path, map points and keyframes of the main map, in a separate thread."""
 
 from __future__ import annotations
 
@@ -35,11 +35,12 @@ from rgbd_slam.mapping.slam_map import MapPoses, SlamMap
 from rgbd_slam.ros.node_thread import NodeThread
 from rgbd_slam.session import SlamSession
 
-# Chosen: largest share of one core for making and publishing map_points, path and keyframes, so
+# Chosen: largest ratio of a core for creating and publishing map_points, path and keyframes, so
 # that they are sent less often for large maps. Messages for 10,000 keyframes with 1.7 million
 # points take 0.1 s, and are therefore sent at most every 2 s.
 _MAX_SHARE = 0.05
-# Chosen: number of rows of points that are copied at once; an image is delayed by less than 2 ms.
+# Chosen: number of rows of points that are copied at once, which delays an image by less than 2
+# ms.
 _ROWS = 2**19
 
 
@@ -59,10 +60,9 @@ class _Job(NamedTuple):
 class MapOutputs:
     """The latched topics of the map: path, map points and keyframes.
 
-    A message is made only for a topic that has subscribers, and only if the map has changed since
-    the last message of the topic. This is checked once per `map_period_s`, or less often if making
-    messages takes long, and whenever a subscriber joins or leaves. The node's thread only copies
-    the map.
+    A message is created only for a topic with subscribers, and only if the map has changed since
+    its last message. This is checked every `map_period_s`, or less often if creating messages
+    takes long, and whenever a subscriber joins or leaves. The node's thread only copies the map.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class MapOutputs:
         }
         self._outdated: set[OnDemandPublisher] = set()  # topics whose last message is outdated
         self._is_busy, self._rest_until_s = False, 0.0
-        self._is_retried = False  # True: the last messages could not be made and are made again
+        self._is_retried = False  # True: creating the last messages has failed and is tried again
         self._is_ended = Event()
         self._jobs: SimpleQueue[_Job | None] = SimpleQueue()
         self._thread = Thread(target=self._run, name='map outputs', daemon=True)
@@ -93,7 +93,7 @@ class MapOutputs:
         set_period(self._timer, config.map_period_s)
 
     def close(self) -> None:
-        """Let the thread end after the messages that are being made, without waiting for it."""
+        """End the thread after the messages that it is creating, without waiting for it."""
         self._is_ended.set()
         self._jobs.put(None)
 
@@ -102,7 +102,7 @@ class MapOutputs:
             self._publish()
 
     def _publish(self) -> None:
-        """Request messages for all topics that have subscribers and are not up to date."""
+        """Request messages for all topics that have subscribers and are outdated."""
         session = self._session()
         if session is None or self._is_busy:
             return
