@@ -227,9 +227,9 @@ class PlaceVerifier:
 def visibility(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> Visibility:
     """Return which points are observable, and which are contradicted by depths near them.
 
-        Args:
-            projection_px: (3, N) predicted u, v, u_right of the points.
-            depth_m: (N,) depths of the points in the camera frame.
+    Args:
+        projection_px: (3, N) predicted u, v, u_right of the points.
+        depth_m: (N,) depths of the points in the camera frame.
     """
     n = len(depth_m)
     q, k = FeatureGrid(frame).search(projection_px[:2], np.full(n, _WINDOW_PX))

@@ -86,7 +86,7 @@ class CheckpointThread:
                     self._writer.abort()
                 if not self.is_paused:
                     self._write(is_last=True)
-            except Exception as error:  # the previous checkpoint is kept
+            except Exception as error:  # noqa: BLE001 - the previous checkpoint is kept
                 self._report_failure(error)
             self._use_writer(None)
             self.is_paused = self.continues_stored = False

@@ -23,8 +23,8 @@ def relocalize_near_initial_poses(
 ) -> None:
     """Subscribe to initial poses; the session then relocalizes near them first.
 
-        Args:
-            find_in_map: Returns T_map_frame (4, 4) for the name of a frame, or None if it is unknown.
+    Args:
+        find_in_map: Returns T_map_frame (4, 4) for the name of a frame, or None if it is unknown.
     """
 
     def on_pose(msg: PoseWithCovarianceStamped) -> None:
