@@ -42,6 +42,7 @@ def test_wrong_usage_exits_with_status_2(argv: list[str]) -> None:
     assert exit_info.value.code == 2
 
 
+@pytest.mark.slow
 def test_verbose_commands_show_the_log_of_the_suite_without_that_of_libraries(
     tmp_path: Path,
 ) -> None:

@@ -157,6 +157,7 @@ def test_pictures_and_json_of_objects_are_written(
     assert 'there is no dense map' in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_map_is_exported_as_a_mesh(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     pytest.importorskip('trimesh', reason='meshes are an optional extra: requirements/mesh.lock')
     with pytest.MonkeyPatch.context() as patch:
@@ -170,6 +171,7 @@ def test_a_map_is_exported_as_a_mesh(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert (tmp_path / 'c.glb').read_bytes()[:4] == b'glTF'
 
 
+@pytest.mark.slow
 def test_a_saved_map_is_shown_with_boxes_and_pictures_of_its_objects(
     maps: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -144,6 +144,7 @@ print(other)
 """
 
 
+@pytest.mark.slow
 def test_children_are_forked_from_a_process_with_preloaded_modules(
     targets: ModuleType, tmp_path_factory: pytest.TempPathFactory
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from hoid_common.se3 import T_BODY_OPTICAL
 from hoid_common.values import Float32Array, ObjectState
@@ -52,6 +53,7 @@ def carry(scene: Scene) -> None:
         scene.show(TABLE, PERSON, suitcase(-0.6 + 0.1 * step))
 
 
+@pytest.mark.slow
 def test_an_object_that_is_called_handled_is_fused_where_it_rests() -> None:
     scene = Scene()
     carry(scene)
@@ -65,6 +67,7 @@ def test_an_object_that_is_called_handled_is_fused_where_it_rests() -> None:
     assert len(scene.points_at(suitcase(-0.2))) == 0
 
 
+@pytest.mark.slow
 def test_without_tracks_it_is_not_fused() -> None:
     scene = Scene(has_tracks=False)
     carry(scene)
@@ -73,6 +76,7 @@ def test_without_tracks_it_is_not_fused() -> None:
     assert len(scene.points_at(suitcase(0.4))) == 0
 
 
+@pytest.mark.slow
 def test_a_thing_that_is_carried_past_an_object_at_rest_is_not_fused() -> None:
     """A second suitcase passes 0.6 m before the first one, so that its box contains the place."""
     scene = Scene()
@@ -87,6 +91,7 @@ def test_a_thing_that_is_carried_past_an_object_at_rest_is_not_fused() -> None:
     assert len(scene.points_at(way)) == 0
 
 
+@pytest.mark.slow
 def test_people_are_not_fused_beside_an_object_at_rest() -> None:
     scene = Scene()
     for _ in range(3 * RATE_HZ):

@@ -88,6 +88,7 @@ def test_what_stands_on_a_large_thing_stays_an_object() -> None:
     assert sorted(item.class_name for item in objects) == ['book', 'cup', 'dining table']
 
 
+@pytest.mark.slow
 def test_what_no_detector_names_any_more_is_forgotten() -> None:
     world = ObjectWorld()
     for n in range(12):
@@ -114,6 +115,7 @@ def test_an_object_that_is_gone_stays_while_its_class_is_named() -> None:
     assert [item.state.name for item in world.look(TABLE, second, times=2)] == ['GONE', 'AT_REST']
 
 
+@pytest.mark.slow
 def test_the_names_of_one_object_are_bounded() -> None:
     world = ObjectWorld()
     world.look(TABLE, BEAR, times=6)

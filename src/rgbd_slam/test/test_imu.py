@@ -170,6 +170,7 @@ def test_a_right_mounting_is_kept_as_given() -> None:
     np.testing.assert_array_equal(shaken.imu.fit.R_camera_imu, ODD)
 
 
+@pytest.mark.slow
 def test_a_second_without_images_is_bridged_within_its_standard_deviation() -> None:
     errors_deg, sigmas_deg = [], []
     for seed in range(5):

@@ -121,6 +121,7 @@ def leveled(shaken: ShakenImu, duration_s: float) -> tuple[RobotFrames, list[flo
     return frames, tilts_deg
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('offset_s', [-1.0, -0.4, 0.4, 0.5, 1.0])
 @pytest.mark.parametrize('gyro', [True, False], ids=['both', 'accelerometer'])
 def test_an_imu_with_a_wrong_clock_levels_nothing(offset_s: float, gyro: bool) -> None:
@@ -136,6 +137,7 @@ def test_an_imu_with_a_wrong_clock_levels_nothing(offset_s: float, gyro: bool) -
     assert ('the accelerometer, because it has the same clock' in problem) == gyro
 
 
+@pytest.mark.slow
 def test_an_accelerometer_that_is_turned_against_the_gyro_tilts_nothing_for_long() -> None:
     turned = rotations(np.deg2rad([12.0, 0.0, 16.0]))  # by 20 degrees
     shaken = ShakenImu(accelerometer=True, distort_force=lambda forces: forces @ turned.T)

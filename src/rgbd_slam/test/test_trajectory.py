@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -61,6 +62,7 @@ def test_the_parts_are_the_whole() -> None:
     )
 
 
+@pytest.mark.slow
 def test_frames_hang_on_what_took_the_place_of_many_removed_keyframes() -> None:
     atlas = Atlas(1.2, 8)
     there, step = se3.exp(np.array([[0.1, 0, 0, 0.5, 0, 0], [0, 0, 0, 1e-3, 0, 0]]))
