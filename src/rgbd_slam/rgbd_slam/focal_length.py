@@ -1,8 +1,7 @@
-"""A check of the stated focal length against pairs of keyframes (decision 045).
+"""A check of the configured focal length by pairs of keyframes (decision 045).
 
-Depth measures how far a point is, and the focal length in which direction. With a wrong one, no
-motion of the camera explains both the shift of the points that two keyframes share and the change
-of their depth. The check reads the map only.
+With a wrong focal length, no camera motion explains both the shift of the points that two
+keyframes share and the change of their depth. The check only reads the map.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ from rgbd_slam.model.frame import Frame, StereoCamera, to_camera
 from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.tracking.rolling_shutter import linearized, normal_matrix
 
-# Not tuned.
+# The numbers up to _LARGEST_STEP are not tuned.
 _MIN_SHARED, _MAX_SHARED = 30, 300  # smallest and largest number of points of a pair
 _PAIRS = 3  # number of earlier keyframes that a new one is compared with
 _ROUNDS = 2  # number of Gauss-Newton steps

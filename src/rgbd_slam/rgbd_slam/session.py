@@ -1,6 +1,6 @@
-"""The core for nodes, offline runs and experiments: one image in, its pose and a status out.
+"""SLAM for nodes, offline runs and experiments: features of an image in, pose and status out.
 
-Only this module combines tracking and mapping. Callers differ in the source of the images.
+Only this module combines tracking and mapping. Its callers differ in the source of the images.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _MESSAGES = {
 }
 _IN_OTHER_MAP = 'in a new map since the last loss; it is merged when a mapped place is recognized'
 _TWO_MOTIONS = 'two motions explain this image: {:.0f} % / {:.0f} %; something large moves'
-_LATE_S = 2.0  # chosen: many times the usual time of the mapper for a keyframe, 20 to 50 ms
+_LATE_S = 2.0  # chosen: many times the mapper's usual 20 to 50 ms per keyframe
 _LATE_MAPPER = (
     'the mapper has not answered for {:.0f} s; {} requests wait and the map does not grow: free '
     'the computer'
@@ -42,30 +42,30 @@ _LATE_MAPPER = (
 
 
 class Tracked(NamedTuple):
-    """The pose of one image, before `SlamSession.learn` has used the image."""
+    """The pose of an image, before `SlamSession.learn` has used the image."""
 
-    pose: RobotPose | None  # None while the pose is unknown
-    result: TrackingResult | None  # None while the session is paused
+    pose: RobotPose | None  # None: the pose is unknown
+    result: TrackingResult | None  # None: the session is paused
 
 
 class Processed(NamedTuple):
-    """The results of one image."""
+    """The results for an image."""
 
     status: SlamStatus
-    pose: RobotPose | None  # None while the pose is unknown
+    pose: RobotPose | None  # None: the pose is unknown
     image: TrackedImage | None = None  # None: no pose in the map was measured
 
 
 class SlamSession:
-    """Runs SLAM on a stream of features; `slam` is the core, and `map` its map.
+    """Runs SLAM on a stream of features; `slam` is the core, `map` its map.
 
     Args:
-        camera: The camera of the images that the features come from.
+        camera: The camera of the images.
         config: Parameters of the core.
-        frames: The frames of the robot, which contain the mounting of the camera.
+        frames: The frames of the robot, with the mounting of the camera.
         background: True: the mapper runs in a separate process, as on a robot, which `close` ends.
             False: each keyframe is mapped before `learn` returns, so that runs repeat bit for bit.
-        imu: An IMU, which predicts turns and bridges short losses; the caller adds its samples.
+        imu: An IMU, which predicts rotations and bridges short losses; the caller adds samples.
         motion_sources: Further sensors that predict motion, such as wheels (`ExternalOdometry`).
 
     Raises:
@@ -91,7 +91,7 @@ class SlamSession:
         self.map = self.slam.map
         self.focal_length = FocalLengthCheck(self.map.stereo)
         self.is_paused = False  # True: images are ignored
-        self.stamp_ns = 0  # of the latest image that was tracked
+        self.stamp_ns = 0  # stamp of the latest tracked image
         self._frames, self._leveling = frames, Leveling(frames, imu)
         self._dropped = DroppedFrameCounter()
         self._late = LateVerdicts()
@@ -101,16 +101,16 @@ class SlamSession:
         self.slam.reconfigure(config)
 
     def close(self) -> None:
-        """End the mapping process; poses and map stay readable."""
+        """End the mapping process; poses and map can still be read."""
         self.map.mapper.close()
 
     def process(self, features: Features) -> Processed:
         return self.learn(self.track(features))
 
     def track(self, features: Features) -> Tracked:
-        """Return the estimated pose of one image. Call `learn` before tracking the next one.
+        """Estimate the pose of an image. Call `learn` before tracking the next one.
 
-        While the session is paused, there is no pose. Raises MessageError for an octave beyond the
+        While the session is paused, there is no pose. MessageError if an octave is not below the
         configured number.
         """
         self._dropped.add(features.stamp_ns)
@@ -121,7 +121,7 @@ class SlamSession:
         return Tracked(self._robot_pose(result), result)
 
     def learn(self, tracked: Tracked) -> Processed:
-        """Learn from a tracked image, which may become a keyframe; return all its results."""
+        """Update the map and all estimates from a tracked image; return all its results."""
         if tracked.result is None:
             return Processed(self._status(SlamState.PAUSED), None)
         result = self.slam.learn(tracked.result)
@@ -136,17 +136,17 @@ class SlamSession:
         return Processed(status, tracked.pose, self._image(result, is_in_main_map=is_in_main_map))
 
     def apply_verdicts(self, verdicts: FeatureVerdicts) -> None:
-        """Remove the observations of a keyframe's features that turned out to be dynamic.
+        """Retract the observations by those features of a keyframe that turned out to be dynamic.
 
         Verdicts on an image that has not arrived yet are applied when it is tracked. Verdicts on
-        an image that is no keyframe, or that had verdicts before, are ignored. Raises MessageError
-        if the keyframe has another number of features.
+        an image that is not a keyframe, or had verdicts before, are ignored. MessageError if the
+        keyframe has another number of features.
         """
         if self._late.changes_keyframe(verdicts):
             self.map.mapper.retract(verdicts)
 
     def status(self) -> SlamStatus:
-        """Return the status without an image: PAUSED or else NOT_INITIALIZED."""
+        """Return the status between images: PAUSED, or else NOT_INITIALIZED."""
         return self._status(SlamState.PAUSED if self.is_paused else SlamState.NOT_INITIALIZED)
 
     @property
@@ -154,11 +154,11 @@ class SlamSession:
         return SlamMode.MAPPING if self.map.is_growing else SlamMode.LOCALIZATION
 
     def set_mode(self, mode: SlamMode) -> None:
-        """Start or stop extending the map.
+        """Switch between extending the map and only localizing in it.
 
         Raises:
             ConfigError: There is no map to localize in.
-            MapFileError: The map was made with a camera that differs too much to extend it.
+            MapFileError: The camera differs too much from the map's to extend the map.
         """
         if mode is SlamMode.LOCALIZATION and self.map.is_empty:
             raise ConfigError('there is no map to localize in: load one, or map first')
@@ -167,11 +167,11 @@ class SlamSession:
         self.map.is_growing = mode is SlamMode.MAPPING
 
     def relocalize_near(self, T_map_base: FloatArray, sigma_m: float, sigma_rad: float) -> None:
-        """Discard the pose; from the next image on, search near a given pose, then everywhere.
+        """Discard the pose; relocalize near a given pose first, then everywhere.
 
-        T_map_base (4, 4) is the pose of the robot as in RViz, with x forward and z up; without a
+        T_map_base (4, 4) is the robot's pose as given in RViz, with x forward and z up; without a
         base frame, that of the camera's body axes. The standard deviations are those of position
-        and heading. Raises ConfigError if the session is mapping.
+        and heading. ConfigError if the session is mapping.
         """
         if self.map.is_growing:
             raise ConfigError('an initial pose needs the mode localization; see set_mode')
@@ -226,7 +226,7 @@ class SlamSession:
         )
 
     def _message(self, state: SlamState, result: TrackingResult | None) -> str:
-        """Return a text that explains the state; '' for undisturbed tracking."""
+        """Return a text that explains the state; '' if tracking is undisturbed."""
         waiting_s = self.map.mapper.waiting_s
         if state is SlamState.TRACKING and waiting_s > _LATE_S:
             return _LATE_MAPPER.format(waiting_s, self.map.mapper.queue_length)

@@ -33,18 +33,18 @@ from rgbd_slam.tracking.tracking_result import TrackingResult
 from rgbd_slam.tracking.tracking_state import TrackingStates
 from rgbd_slam.tracking.warm_up import WarmUp
 
-_MS = 1e3  # durations by the monotonic clock: decision 016
-# Chosen, not tuned; ORB-SLAM3 asks for 500 features (Tracking.cc, StereoInitialization).
-# Triangulation adds points to the first map later.
-_MIN_FIRST_FEATURES = 50  # features with depth that a new map needs
+_MS = 1e3  # milliseconds per second; durations are by the monotonic clock (decision 016)
+# Number of features with depth that a new map needs. Chosen, not tuned; ORB-SLAM3 needs 500
+# (Tracking.cc, StereoInitialization). Triangulation later adds points to the map.
+_MIN_FIRST_FEATURES = 50
 
 
 class RgbdSlam:
     """Keyframe SLAM on the features of RGB-D images (Mur-Artal and Tardos, T-RO 2017).
 
-    `map` holds keyframes, points and mapper, `odometry` the last tracked pose, `states` how that
-    pose is known, and `trajectory` the poses of the frames so far. The arguments are those of
-    `SlamSession`; without `frames`, the camera is level at the start.
+    `map` has keyframes, points and mapper, `odometry` the last tracked pose, `states` the tracking
+    state, and `trajectory` the poses of all frames. The arguments are those of `SlamSession`;
+    without `frames`, the camera is assumed to be level at the start.
     """
 
     def __init__(
@@ -68,7 +68,7 @@ class RgbdSlam:
         self.odometry = Odometry(atlas, gyro, motion_sources)
         self.states = TrackingStates(atlas, stereo, config)
         self._repeated = RepeatedImages()
-        self._tracked: TrackingResult | None = None  # of the last image that was tracked
+        self._tracked: TrackingResult | None = None  # result for the last tracked image
         self._noise = NoiseEstimator(stereo)
         self._shutter = RollingShutter(*camera.size_px)
         self._tracker = Tracker(stereo, atlas, config.tracking, config.seed)
@@ -83,11 +83,11 @@ class RgbdSlam:
         return self.learn(self.track(features))
 
     def track(self, features: Features) -> TrackingResult:
-        """Return the estimated pose of one frame. Call `learn` before tracking the next one.
+        """Estimate the pose of a frame. Call `learn` before tracking the next one.
 
-        First, the changes that the mapper has finished are applied to the map. An image that
-        repeats the last tracked one only gets a predicted pose (`RepeatedImages`). Raises
-        MessageError for an octave beyond the configured number.
+        First, changes that the mapper has finished are applied to the map. An image that repeats
+        the last tracked one only gets a predicted pose (`RepeatedImages`). MessageError if an
+        octave is not below the configured number.
         """
         repetition, original = self._repeated.add(features), self._tracked
         if (
@@ -110,9 +110,9 @@ class RgbdSlam:
         return replace(result, note=self._relocalizer.consume_note() or result.note)
 
     def learn(self, result: TrackingResult) -> TrackingResult:
-        """Update estimates and trajectory from a tracked frame; insert it if it is a keyframe.
+        """Update estimates and trajectory from a tracked frame, and insert it if it is a keyframe.
 
-        Returns the result of `track`, with `is_keyframe` and `stage_ms` completed.
+        Return the result of `track` with `is_keyframe` and `stage_ms` completed.
         """
         tracking = result.to_learn
         if tracking is None:  # lost, or the first frame of a map
@@ -129,7 +129,7 @@ class RgbdSlam:
         return replace(result, is_keyframe=is_keyframe, stage_ms=stage_ms, to_learn=None)
 
     def relocalize_near(self, hint: PoseHint) -> None:
-        """Discard the current pose; search near `hint` before searching the whole map."""
+        """Discard the current pose; relocalize near `hint` first, then in the whole map."""
         self._relocalizer.relocalize_near(hint)
         self._forget_pose()
 
@@ -143,7 +143,7 @@ class RgbdSlam:
         return self.map.stats(self._relocalizer.num_found)
 
     def _prepare(self, features: Features) -> Frame:
-        """Return the undistorted frame with right columns, compensated for rolling shutter."""
+        """Return the undistorted frame with u_right, compensated for rolling shutter."""
         check_octaves(features, self._config.camera.num_octaves)
         frame = Frame.from_features(features, self._model, self._camera)
         if self.states.image(frame.stamp_ns):
@@ -155,8 +155,7 @@ class RgbdSlam:
     def _find(self, frame: Frame) -> TrackerOutput | None:
         """Track a frame from the last one, or relocalize it; None: the camera is lost.
 
-        When it is relocalized, T_odom_camera moves by the motion that a source has measured
-        meanwhile.
+        After relocalization, T_odom_camera moves by the motion that a source has measured since.
         """
         odometry, last, num_bridged = self.odometry, self.odometry.last, self.states.num_bridged
         bridge = odometry.bridge() if num_bridged else None
@@ -165,8 +164,8 @@ class RgbdSlam:
             prior = odometry.prior()
             tracking = self._tracker.track(frame, last, *odometry.predict(), prior=prior)
         if tracking is None:
-            # While the map grows, a later merge connects the maps. In localization, no merge
-            # follows.
+            # While the map grows, a later merge connects a map that is not the main one. In
+            # localization, there is no merge.
             in_main_map = not self.map.is_growing
             tracking = self._relocalizer.relocalize(frame, in_main_map=in_main_map)
             if tracking is None:
@@ -216,11 +215,11 @@ class RgbdSlam:
         )
 
     def _start_map(self, frame: Frame, bridge: Bridge | None) -> TrackingResult:
-        """Start a map with this frame at its bridged pose, the last pose, or the origin.
+        """Start a map with this frame at its bridged pose, else at the last pose or the origin.
 
-        It is linked with the map before if a gyro has bridged the loss. Without enough features
-        with depth, and while a saved map is being loaded, no map is started, and the result has no
-        pose.
+        If a gyro has bridged the loss, the new map is linked with the last one. With too few
+        features with depth, or while a saved map is being loaded, no map is started, and the
+        result has no pose.
         """
         num_features = np.count_nonzero(frame.has_depth & frame.may_seed)
         if self.map.is_loading or num_features < _MIN_FIRST_FEATURES:
@@ -250,7 +249,7 @@ class RgbdSlam:
         )
 
     def _miss(self, frame: Frame) -> TrackingResult:
-        """Return the pose by a motion source for a lost frame, or start a new map there."""
+        """Return the pose of a lost frame from a motion source, or start a new map with it."""
         odometry = self.odometry
         odometry.forget_velocity()
         bridge = odometry.bridge()
@@ -275,7 +274,7 @@ class RgbdSlam:
         )
 
     def _update_estimates(self, tracking: TrackerOutput) -> None:
-        """Update point counts, noise, rolling shutter, trajectory and first poses (`WarmUp`)."""
+        """Update point counts, noise, rolling shutter, trajectory and initial poses (`WarmUp`)."""
         tracked = tracking.tracked
         self._tallies.add(tracking.tally)
         self._noise.add(tracked, self._atlas)

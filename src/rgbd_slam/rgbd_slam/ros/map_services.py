@@ -1,7 +1,7 @@
 """The services that save and load maps, save the trajectory, and set the mode.
 
-They run in a separate thread, which waits for files and for the mapper. Everything that uses the
-session is done in the tracker's thread, between two images (`NodeThread`).
+A separate thread runs them, because it waits for files and for the mapper. Everything that uses
+the session runs in the tracker's thread, between two images (`NodeThread`).
 """
 
 from __future__ import annotations
@@ -48,18 +48,18 @@ _MODES = {mode.name.lower(): mode for mode in SlamMode}
 # Time limit for the end of mapping and global adjustment. Chosen: twice the limit of the mapping
 # process for a global adjustment.
 _SETTLE_S = 40.0
-_MAX_PAUSE_S = 0.05  # chosen: longest time for which writing waits between two parts of a map
+_MAX_PAUSE_S = 0.05  # chosen: longest pause of writing between two parts of a map
 _MB = 1e6
 
 
 class MapServices:
-    """Offers the map services in a separate thread, which continues after a request has failed.
+    """Offers the map services in a separate thread, which survives the failure of a request.
 
-    The service that sets the mode has a thread of its own, so that a slow disk does not delay it.
+    The service that sets the mode has its own thread, so that a slow disk does not delay it.
 
     Args:
-        keyframes: Makes the message about the keyframes for the scene node.
-        copy_stored: Copies the map on the disk to a new file (`Checkpoints.copy_to`).
+        keyframes: Returns the message about the keyframes for the scene node.
+        copy_stored: Copies the stored map to a new file (`Checkpoints.copy_to`).
     """
 
     def __init__(
@@ -93,12 +93,12 @@ class MapServices:
             thread.start(handlers.report_fault)
 
     def close(self) -> None:
-        """End the threads; wait at most two seconds each for a request that is being handled."""
+        """End the threads; wait at most two seconds each for the request that runs."""
         for thread in (self._thread, self._mode_thread):
             thread.close()
 
     def _new_path(self, name: str, kind: FileKind) -> Path:
-        """Return the path of a file to write; unfinished files of killed processes are removed."""
+        """Return the path of a file to write; remove unfinished files of killed processes."""
         self._remove_abandoned()
         return path_in(self._config.map_directory, name, kind)
 
@@ -117,7 +117,7 @@ class MapServices:
         with replaced(path) as aside:
             if not self._copy_stored(aside):
                 self._write(aside, session)
-            content = map_file.load(aside)  # a map that could not be loaded again is not saved
+            content = map_file.load(aside)  # so that no map is saved that cannot be loaded again
             keyframes = self._node_thread.call(self._keyframes.message)
             if keyframes.session != content.session:
                 raise InputError('the map was discarded meanwhile: there is nothing to save')
@@ -141,7 +141,7 @@ class MapServices:
             part, header = self._node_thread.call(copy)
             copy_s = time.perf_counter() - start_s
             is_complete = writer.append(part, header)
-            time.sleep(min(copy_s, _MAX_PAUSE_S))  # so that tracking has about half of the time
+            time.sleep(min(copy_s, _MAX_PAUSE_S))  # leaves about half of the time to tracking
 
     def _save_trajectory(self, request: SaveTrajectory.Request) -> str:
         kind = request.kind or SaveTrajectory.Request.FINAL
@@ -155,7 +155,7 @@ class MapServices:
         return f'{written} written to {path}{note}'
 
     def _has_keyframe(self, session: SlamSession) -> bool:
-        """Return whether the map has a keyframe; wait for one that the mapper is inserting."""
+        """Return whether the map has a keyframe; wait for a pending one."""
         atlas = session.map.atlas
         if len(atlas.keyframes) == 0 and atlas.pending:
             self._is_settled_by(time.monotonic() + _SETTLE_S)
@@ -171,7 +171,7 @@ class MapServices:
         return self._is_settled_by(end_s)
 
     def _is_settled_by(self, end_s: float) -> bool:
-        """Wait until the mapper has ended all its work; return False if it has not by `end_s`."""
+        """Wait until the mapper has finished all its work; return False if `end_s` comes first."""
 
         def settled() -> bool:
             slam_map = self._session().map

@@ -1,4 +1,4 @@
-"""Lets other threads call functions in the thread that spins the node, between two messages."""
+"""Calls of functions in the thread that spins the node, requested by other threads."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from hoid_common.errors import InputError
 T = TypeVar('T')
 
 _LIMIT_S = 60.0  # chosen: the time limit of the mapping process for one request
-# Chosen: time between two calls of a polled function; tracking continues meanwhile.
+# Chosen: pause between two calls of a polled function, in which tracking continues.
 _POLL_S = 0.05
 
 
 class NodeThread:
-    """Calls functions of other threads in the thread that spins the node."""
+    """Calls functions for other threads in the thread that spins the node, between messages."""
 
     def __init__(self, node: Node) -> None:
         self._calls: SimpleQueue[tuple[Callable[[], object], Future[object]]] = SimpleQueue()
         self._wake = node.create_guard_condition(self._run_calls)
 
     def call(self, function: Callable[[], T]) -> T:
-        """Call a function in the node's thread, wait for it, and return its result.
+        """Call a function in the node's thread, and return its result.
 
-        It must not be called in the node's thread, which would wait for itself.
+        Do not use this in the node's thread, which would wait for itself.
 
         Raises:
-            InputError: The node was busy for 60 s; the function will not be called.
+            InputError: The node was busy for 60 s; the function is not called any more.
         """
         done: Future[object] = Future()
         self._calls.put((function, done))
@@ -45,7 +45,7 @@ class NodeThread:
             raise InputError(f'the node has been busy for {_LIMIT_S:g} s; try again') from None
 
     def poll(self, function: Callable[[], bool], end_s: float) -> bool:
-        """Call a function until it returns True, but not after `end_s`; return its last value."""
+        """Call a function until it returns True or `end_s` has passed; return its last value."""
         while not (value := self.call(function)) and time.monotonic() < end_s:
             time.sleep(_POLL_S)
         return value

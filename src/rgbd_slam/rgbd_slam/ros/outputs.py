@@ -1,4 +1,4 @@
-"""Publishes odometry, transforms and status of the SLAM node after each image."""
+"""Publishing of odometry, transforms and status of the SLAM node, after each image."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _WHEELS = 'wheels'
 
 
 def visual_frame(odom: str) -> str:
-    """Return `odom` with "visual_" in front of the part after the last slash."""
+    """Return `odom` with "visual_" before the part that follows the last slash."""
     prefix, slash, name = odom.rpartition('/')
     return f'{prefix}{slash}visual_{name}'
 
@@ -31,11 +31,11 @@ def visual_frame(odom: str) -> str:
 class SlamOutputs:
     """Publishers of odometry, transforms and status.
 
-    Messages have the stamp of the header that a method is given, except map -> odom while another
-    node sends odom -> base: its stamp is later by `transform_tolerance_s`.
+    Messages have the stamp of the header that a method gets. Only the stamp of map -> odom is
+    later, by `transform_tolerance_s`, if another node sends odom -> base.
 
     Args:
-        wheels: Odometry of the node that sends odom -> base; None: this node sends it.
+        wheels: Odometry of the other node that sends odom -> base; None: this node sends it.
     """
 
     def __init__(
@@ -53,7 +53,7 @@ class SlamOutputs:
         self._transforms = TransformPublisher(node)
         own, self._odom_frame = topics.ODOM, frames.odom
         if wheels is not None:
-            # The other node's odometry (wheels) defines the frame `odom`. The visual odometry
+            # The odometry of the other node (wheels) defines the frame `odom`. Visual odometry
             # drifts relative to it, and therefore has a frame with another name.
             own, self._odom_frame = topics.VISUAL_ODOM, visual_frame(frames.odom)
         self._odom = node.create_publisher(Odometry, own, qos.OUTPUT)
@@ -63,7 +63,7 @@ class SlamOutputs:
         self.frames = frames
 
     def publish_pose(self, pose: RobotPose | None, header: Header) -> None:
-        """Publish the odometry of an image, and the transforms that `frames` asks for."""
+        """Publish the odometry of an image, and the transforms that the parameters request."""
         if pose is not None:
             self._publish_odometry(pose, header)
         self._publish_tree(pose, header)
@@ -72,7 +72,7 @@ class SlamOutputs:
         self._status.publish(slam_status_to_msg(status, header))
 
     def find_in_map(self, frame: str) -> FloatArray | None:
-        """Return T_map_frame (4, 4) by /tf_static and the transforms that this node sent."""
+        """Return T_map_frame (4, 4) from /tf_static and the transforms that this node sent."""
         return self._static.with_edges(self._transforms.sent).find(self.frames.map, frame)
 
     def _publish_odometry(self, pose: RobotPose, header: Header) -> None:
@@ -106,11 +106,11 @@ class SlamOutputs:
     def _map_to_wheels(
         self, pose: RobotPose | None, T_wheels_base: FloatArray | None, base: str
     ) -> FloatArray | None:
-        """Return T_map_odom (4, 4) for the odometry frame of the wheels, if it is known.
+        """Return T_map_odom (4, 4) for the odometry frame of the wheels; None if it is unknown.
 
-        The latest transform is returned while the camera is lost (`pose` is None), so that the
-        pose of the robot follows the wheels, and if the wheels have no pose for the image, which
-        is reported as a problem.
+        While the camera is lost (`pose` is None), it is the latest transform, so that the pose of
+        the robot follows the wheels. So it is if the wheels have no pose for the image, which is
+        reported as a problem.
         """
         if T_wheels_base is None:
             self._diagnostics.set_problem(

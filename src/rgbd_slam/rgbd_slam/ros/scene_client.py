@@ -1,4 +1,4 @@
-"""Asks the scene node, if there is one, to add its maps to a map file."""
+"""A client that asks the scene node, if it runs, to add its maps to a map file."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from rclpy.node import Node
 
 from hoid_common import topics
 
-_SCENE = 'hoid_scene'  # name of the node, in the namespace of this one
-# Chosen: more than rebuilding the dense map takes, for which the scene node may wait.
+_SCENE = 'hoid_scene'  # name of the scene node, in the namespace of this node
+# Chosen: more than the time to rebuild the dense map, which the scene node may first have to do.
 _LIMIT_S = 20.0
 
 
@@ -24,9 +24,9 @@ class SceneMapClient:
         self._client = node.create_client(AddToMap, service)
 
     def add_to(self, path: Path, keyframes: KeyframePoses) -> str:
-        """Ask the scene node to add its maps to a closed map file; return a phrase for the reply.
+        """Ask the scene node to add its maps to a closed map file; return a phrase for logs.
 
-        It must not be called in the node's thread. A map is complete without a scene.
+        Do not call this in the node's thread. A map is complete without a scene.
         """
         if not self._client.service_is_ready():
             return f'without a dense map, as {_SCENE} does not run,'

@@ -1,4 +1,4 @@
-"""Starts the node's session once camera and base are known, resets it and ends it."""
+"""The life of the node's session: starts when camera and base are known, is reset, and ends."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ class SessionLifecycle:
     """Starts, resets and ends `session`, to which the node passes its messages.
 
     Args:
-        publish_status: Publishes the status of a session that has started, before its first image.
-        wheels: External odometry, if another node sends odom -> base.
-        start_imu: Returns the IMU of a new session.
+        publish_status: Publishes the status of a new session, before its first image.
+        wheels: External odometry, if another node sends odom -> base; else None.
+        start_imu: Creates the IMU of a new session.
     """
 
     def __init__(
@@ -62,12 +62,13 @@ class SessionLifecycle:
         self._camera_remedy = f'call {reset} to begin a new map with the camera as it is now'
         self._tf_static = node.resolve_topic_name(topics.TF_STATIC)
         self.session: SlamSession | None = None
-        self._frame = ''  # of the camera info with which the session began
+        self._frame = ''  # frame of the camera_info with which the session began
         self._cameras = CameraInfoCheck(self._camera_remedy)
-        self._last_camera: tuple[CameraModel, Header] | None = None  # the latest camera info
-        self._first_map: MapFile | None = None  # to be loaded into the next session
-        self._first_map_error: HoidError | None = None  # why the configured map file is not used
-        self._is_reset = False  # True: the configured map file is not loaded again
+        self._last_camera: tuple[CameraModel, Header] | None = None  # the latest camera_info
+        self._first_map: MapFile | None = None  # map to load into the next session
+        # Error because of which the configured map file is not used.
+        self._first_map_error: HoidError | None = None
+        self._is_reset = False  # True: the configured map file was discarded by a reset
         self.checkpoints = Checkpoints(node, config, running, diagnostics, lambda: self.session)
         self.loader = MapLoader(node, lambda: self.session, keyframes, self.checkpoints.keep)
 
@@ -78,10 +79,10 @@ class SessionLifecycle:
         return self.session
 
     def configure(self) -> None:
-        """Read the map file to start with, if one is configured.
+        """Read the configured map file, if there is one, for the first session.
 
-        If it cannot be read, but a killed node has left a checkpoint, that is resumed instead
-        when the session starts; the error ends the node only if this fails as well.
+        If it cannot be read, but there is a checkpoint of a killed node, the session resumes that
+        instead; the error ends the node only if this fails too.
 
         Raises:
             HoidError: The map file cannot be read, or localization is configured without one.
@@ -101,9 +102,9 @@ class SessionLifecycle:
             self.session.reconfigure(config)
 
     def update_camera(self, camera: CameraModel, header: Header) -> None:
-        """Process a camera info, and start the session once camera and base are known.
+        """Process a camera_info; start the session if camera and base are now known.
 
-        If another calibration replaces the one in use, the session ends first.
+        If another calibration replaces the one in use, the old session ends first.
 
         Raises:
             HoidError: The configured map file cannot be read again; there is no session then.
@@ -124,10 +125,10 @@ class SessionLifecycle:
         self._start_if_ready()
 
     def check_image(self, size_px: tuple[int, int], frame: str) -> None:
-        """Check size and frame of an image, and start the session if camera and base are known.
+        """Check size and frame of an image; start the session if camera and base are now known.
 
         Raises:
-            MessageError: The size is not that of the camera info.
+            MessageError: The size differs from that in camera_info.
         """
         self._check_frame('color images', frame)
         try:
@@ -137,7 +138,7 @@ class SessionLifecycle:
         self._start_anew(is_new)
 
     def reset(self) -> None:
-        """Keep the map, and start an empty session with the latest camera info."""
+        """Keep the map, and start an empty session with the latest camera_info."""
         self.checkpoints.discard()
         self._end()
         self._first_map, self._first_map_error, self._is_reset = None, None, True
@@ -147,22 +148,22 @@ class SessionLifecycle:
             self.update_camera(*self._last_camera)
 
     def clean_up(self) -> None:
-        """Keep the map as `reset` does, and start no session until the next camera info."""
+        """Keep the map as `reset` does, but start no session before the next camera_info."""
         self._last_camera = None
         self.reset()
 
     def close(self, *, is_asked_for: bool) -> None:
-        """End the session and the writing of checkpoints; see `Checkpoints.close`."""
+        """End the session and its checkpoints (see `Checkpoints.close`)."""
         self.checkpoints.close(is_asked_for=is_asked_for)
         self._end()
 
     def _start_if_ready(self) -> None:
-        camera = self._cameras.camera  # perhaps scaled: not always that of the message
+        camera = self._cameras.camera  # it may be scaled, unlike that of the message
         if self.session is None and camera is not None and self._last_camera is not None:
             self.session = self._start(camera, self._last_camera[1])
 
     def _check_frame(self, what: str, frame: str) -> None:
-        """Report messages of another frame than that of the camera info that began the session."""
+        """Report messages with another frame than the camera_info with which the session began."""
         problem = ''
         if self.session is not None and frame != self._frame:
             problem = (
@@ -180,7 +181,7 @@ class SessionLifecycle:
         self._diagnostics.report_problem('camera', self._cameras.problem)
 
     def _robot_frames(self, header: Header) -> RobotFrames | None:
-        """Return the robot's frames with the mounting of the camera; None while it is unknown."""
+        """Return the robot's frames with the camera's mounting; None while that is unknown."""
         names = self._config.frames
         T_base_camera = self._frames.find(names.base, header.frame_id) if names.base else None
         if names.base and T_base_camera is None:
@@ -198,7 +199,7 @@ class SessionLifecycle:
         return RobotFrames(T_base_camera, planar=names.planar)
 
     def _start(self, camera: CameraModel, header: Header) -> SlamSession | None:
-        """Start a session, with its map; None while the camera's pose on the base is unknown."""
+        """Start a session and its map; None while the camera's pose on the base is unknown."""
         frames = self._robot_frames(header)
         if frames is None:
             return None
@@ -220,7 +221,8 @@ class SessionLifecycle:
                 motion_sources=[ExternalOdometry(camera_motion)],
             )
         self._frame = header.frame_id
-        self.session = session  # the loader checks that it is still the present one
+        # Set first, because the loader checks that the session is the present one.
+        self.session = session
         if self.checkpoints.resume(session, stamp_from_msg(header.stamp), self.loader):
             self._first_map = None
         elif self._first_map_error is not None:
@@ -265,7 +267,8 @@ def owned_map(node: Node, config: SlamNodeConfig) -> RunningMap:
     domain, name = os.environ.get('ROS_DOMAIN_ID', '0'), node.get_fully_qualified_name()
     running = RunningMap(config.map_directory, f'{domain}{name}')
     try:
-        # A node that localizes in a given map does not change it, so that a crash loses nothing.
+        # A node that localizes in a given map does not change it, so that a crash loses nothing
+        # and no checkpoint is needed.
         if config.checkpoint_period_s > 0 and config.mode == SlamMode.MAPPING.name.lower():
             running.own(name)
     except MapFileError as error:
@@ -275,7 +278,7 @@ def owned_map(node: Node, config: SlamNodeConfig) -> RunningMap:
 
 @contextmanager
 def exiting_without_mapper() -> Iterator[None]:
-    """Raise SystemExit instead of MapperStoppedError; a supervisor restarts the node."""
+    """Replace MapperStoppedError by SystemExit, so that a supervisor restarts the node."""
     try:
         yield
     except MapperStoppedError as error:

@@ -1,4 +1,4 @@
-"""Logs the start, loss and recovery of tracking, new maps, and the progress every 10 s."""
+"""Log lines about start, loss and recovery of tracking, new maps, and progress every 10 s."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from rclpy.node import Node
 from hoid_common.errors import counted
 from hoid_common.slam_status import SlamState, SlamStatus
 
-_PERIOD_S = 10.0  # chosen: often enough to see that the node works, and not too many lines
+_PERIOD_S = 10.0  # chosen: often enough to see that the node works, without too many lines
 
 
 class TrackingLog:
-    """Logs changes of the state of tracking, and about every 10 s its rate and duration."""
+    """Logs changes of the tracking state, and every 10 s the rate and duration of tracking."""
 
     def __init__(self, node: Node) -> None:
         self._logger = node.get_logger()
         self._last: SlamStatus | None = None
-        self._lost_at = 0  # number of processed images when tracking was lost
-        self._since_s = time.monotonic()  # start of the present period
-        self._track_ms: list[float] = []  # durations of the images tracked in this period
+        self._lost_at = 0  # number of images that were processed when tracking was lost
+        self._since_s = time.monotonic()  # start of the current period of 10 s
+        self._track_ms: list[float] = []  # durations of the images tracked in the current period
 
     def update(self, status: SlamStatus) -> None:
-        """Log what has changed since the status of the previous image, and progress if due."""
+        """Log changes since the status of the previous image, and progress if it is due."""
         last, self._last = self._last, status
         if status.frames_processed == 0 or (
             last is not None and status.frames_processed < last.frames_processed
-        ):  # a session has started
+        ):  # a new session has started
             last = None
         was, now = SlamState.NOT_INITIALIZED if last is None else last.state, status.state
         if last is not None and status.maps > last.maps and was is not SlamState.NOT_INITIALIZED:

@@ -1,1 +1,1 @@
-"""Maps in databases: tables, incremental writing of a running map, and checked reading."""
+"""SLAM maps in databases: tables, incremental writing of a running map, checked reading."""

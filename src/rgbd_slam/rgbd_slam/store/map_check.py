@@ -1,4 +1,4 @@
-"""Checks that the arrays of a map file form a valid map, so that no file can harm the tracker."""
+"""Checks that the arrays of a map file form a valid map, which cannot harm the tracker."""
 
 from __future__ import annotations
 
@@ -20,14 +20,15 @@ from hoid_common.values import CameraModel
 from rgbd_slam.model.loop_edge import LoopEdge
 from rgbd_slam.model.map_state import NONE, MapState
 
-_MAX_INTRINSICS = 18  # four, and OpenCV's 14 distortion coefficients
-_MAX_IMAGES = 2.0  # chosen: largest distance of a pixel from the center, in image sizes
-_BLOCK = 64  # chosen: keyframes that are checked at once; their observations fit the cache
-_MIN_RAY_M = 1e-3  # chosen: a point nearer to the camera has no viewing direction
+_MAX_INTRINSICS = 18  # number of intrinsics: four, and OpenCV's 14 distortion coefficients
+_MAX_IMAGES = 2.0  # chosen: largest distance of a pixel from the image center, in image sizes
+# Chosen: number of keyframes that are checked at once, so that their observations fit the cache.
+_BLOCK = 64
+_MIN_RAY_M = 1e-3  # chosen: points nearer to the camera have no viewing direction
 
 
 def check_map(state: MapState, camera: CameraModel, num_octaves: int) -> None:
-    """Raise MapFileError with the first rule that the arrays of a map break."""
+    """Raise MapFileError, which names the first rule that the arrays of a map break."""
     lens = (camera.fx_px, camera.fy_px, camera.cx_px, camera.cy_px, *camera.distortion)
     is_lens = len(lens) <= _MAX_INTRINSICS and np.isfinite(lens).all()
     require(is_lens, 'its camera is invalid')
@@ -40,7 +41,7 @@ def check_map(state: MapState, camera: CameraModel, num_octaves: int) -> None:
 
 
 def check_loops(loops: Sequence[LoopEdge]) -> None:
-    """Raise MapFileError if a loop edge breaks a rule; its text names this rule."""
+    """Raise MapFileError, which names the first rule that a loop edge breaks."""
     for edge in loops:
         require(are_poses(edge.T_first_second[None]), "a loop's pose is invalid")
         is_symmetric = np.allclose(edge.covariance, edge.covariance.T)

@@ -1,4 +1,4 @@
-"""A whole map in one file, a database, as the services and commands save and load it."""
+"""A whole map in one database file, as services and commands save and load it."""
 
 from __future__ import annotations
 
@@ -19,24 +19,25 @@ from rgbd_slam.store.map_reader import read_map
 from rgbd_slam.store.map_writer import put_header, put_keyframes, put_loops, put_part
 from rgbd_slam.store.tables import TABLES, MapHeader
 
-_MAX_ZOOM = 1.1  # chosen: largest ratio of focal lengths at which one camera extends another's map
+# Chosen: largest ratio of the focal lengths of two cameras that extend the same map.
+_MAX_ZOOM = 1.1
 
 
 class MapFile(NamedTuple):
-    """A map with its camera, in the published map frame, whose z axis points up."""
+    """A map with its camera, in the published map frame (z up)."""
 
-    camera: CameraModel  # with which the map was made
+    camera: CameraModel  # camera with which the map was made
     scale_factor: float  # ratio of the scales of two successive octaves
     num_octaves: int
     map: MapState
-    uids: IntArray | None = None  # (K,) of the keyframes, ascending; None: equal to their rows
-    loops: tuple[LoopEdge, ...] = ()  # between keyframes by uid
-    session: str = ''  # name of the session in which the keyframes have these uids
-    stamp_ns: int = 0  # of the last image that was tracked in the map; 0: unknown
+    uids: IntArray | None = None  # (K,) ascending uids of the keyframes; None: equal to their rows
+    loops: tuple[LoopEdge, ...] = ()  # loop edges; keyframes are identified by uid
+    session: str = ''  # name of the session in which the keyframes had these uids
+    stamp_ns: int = 0  # stamp of the last image that was tracked in the map; 0: unknown
 
     @property
     def loops_by_row(self) -> tuple[LoopEdge, ...]:
-        """Return the loop edges with the rows of the keyframes in `map` as their numbers."""
+        """Return the loop edges, with keyframes identified by their rows in `map`."""
         if self.uids is None:
             return self.loops
         return renumbered(self.loops, {uid: n for n, uid in enumerate(self.uids.tolist())})
@@ -50,7 +51,7 @@ class MapFile(NamedTuple):
     def seen_by(
         self, camera: CameraModel, scale_factor: float, num_octaves: int, *, extend: bool
     ) -> MapFile:
-        """Return the map as if it had been made with a given camera (`MapState.in_camera`).
+        """Return the map as if it had been made with another camera (`MapState.in_camera`).
 
         Args:
             camera: The camera that will use the map.
@@ -91,13 +92,13 @@ def _listed(camera: CameraModel) -> str:
 
 
 def save(path: Path, content: MapFile) -> int:
-    """Write or replace a map file, return its size in bytes; MapFileError: it is not written."""
+    """Write or replace a map file; return its size in bytes. MapFileError if that fails."""
     check(content)
     return _write(path, content)
 
 
 def load(path: Path) -> MapFile:
-    """Return the checked contents of a map file; MapFileError: it cannot be read or is damaged."""
+    """Return the checked content of a map file; MapFileError if it is damaged or unreadable."""
     try:
         with Database.read(path, TABLES) as database:
             header, uids, state, loops = read_map(database)
@@ -117,13 +118,13 @@ def load(path: Path) -> MapFile:
         raise MapFileError(text if str(path) in text else f'{path}: {text}') from error
     except MemoryError as error:
         raise MapFileError(f'{path}: does not fit into memory') from error
-    except (ValueError, OverflowError, LookupError) as error:  # numbers that no array can have
+    except (ValueError, OverflowError, LookupError) as error:  # values that no array can have
         raise MapFileError(f'{path}: is damaged: {error}') from error
     return content
 
 
 def check(content: MapFile) -> None:
-    """Raise MapFileError with the first rule that a map breaks."""
+    """Raise MapFileError, which names the first rule that a map breaks."""
     with np.errstate(all='ignore'):  # NaN and infinity fail the checks
         check_map(content.map, content.camera, content.num_octaves)
         check_loops(content.loops)

@@ -1,7 +1,7 @@
-"""Copies of the changed rows of a map, part by part, so that tracking never waits long.
+"""Copies of the changed rows of a map, in parts, so that tracking never waits long.
 
-The features of a keyframe never change, and are copied once. The points that its features observe,
-and the map points, are copied again whenever they have changed.
+The features of a keyframe never change, and are copied once. The observed point of each feature,
+and the map points, are copied again after each change.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from rgbd_slam.model.map_state import NONE, MapState, joined_rows
 from rgbd_slam.records.soa_table import DEAD
 from rgbd_slam.store.tables import CHUNK, FeatureRows, PointRows, StateRows
 
-# Chosen: a part of so many keyframes (5 MB of features) and chunks of points (50,000 points) is
-# copied in a few ms.
+# Chosen: a part has up to so many keyframes (5 MB of features) and chunks of points (50,000
+# points), so that it is copied in a few ms.
 _MAX_KEYFRAMES, _MAX_CHUNKS = 96, 200
-_NEVER = -1  # instead of a version: the row has not been copied
-_UNKNOWN = -2  # instead of a uid: no features are stored; -1 is the uid of an empty row
+_NEVER = -1  # in place of a version: the row was not copied yet
+_UNKNOWN = -2  # in place of a uid: no features are stored; -1 is the uid of an empty row
 _FEATURE_COLUMNS = ('depth_m', 'octave', 'angle_deg', 'descriptors')
 
 
@@ -38,24 +38,24 @@ class KeyframeCopy(NamedTuple):
 
 
 class MapPart(NamedTuple):
-    """Copies of new and changed rows: those of M keyframes, of which N are new, and of points."""
+    """Copies of new and changed rows: of N new and M changed keyframes, and of points."""
 
     new_uids: IntArray  # (N,) keyframes whose features are in `features`
-    new_counts: IntArray  # (N,) numbers of these features
+    new_counts: IntArray  # (N,) number of features of each
     features: FeatureRows
-    changed_uids: IntArray  # (M,) keyframes whose features' states are in `states`
-    changed_counts: IntArray  # (M,) numbers of these features
+    changed_uids: IntArray  # (M,) keyframes whose feature states are in `states`
+    changed_counts: IntArray  # (M,) number of features of each
     states: StateRows
-    chunks: IntArray  # (C,) chunks of points that are in `points`, ascending
+    chunks: IntArray  # (C,) ascending numbers of the chunks of points that are in `points`
     points: PointRows
-    keyframes: KeyframeCopy | None  # None: more parts follow
-    loops: tuple[LoopEdge, ...]  # all of them
+    keyframes: KeyframeCopy | None  # None: this is not the last part
+    loops: tuple[LoopEdge, ...]  # all loop edges
 
 
 def part_of(
     state: MapState, uids: IntArray | None = None, loops: tuple[LoopEdge, ...] = ()
 ) -> MapPart:
-    """Return a whole saved map as one part; `uids` (K,) are those of its keyframes, if any."""
+    """Return a whole saved map as one part; `uids` (K,) belong to its keyframes."""
     uids = np.arange(len(state)) if uids is None else uids
     counts, rows = state.num_features.astype(np.int64), np.arange(len(state.position_m))
     map_id = state.map_id.astype(np.int64)
@@ -81,30 +81,30 @@ def part_of(
 
 
 class MapParts:
-    """Records which rows of a map have been copied, and copies those that have not.
+    """Records which rows of a map were copied, and copies the others.
 
-    `copy` is called between two images, again and again until a part has keyframes: all copied
-    rows together are then the map at its version in this last call.
+    `copy` is called repeatedly, between images, until a part has keyframes: all copied rows
+    together then are the map at its version in this last call.
     """
 
     def __init__(self, atlas: Atlas) -> None:
         self.atlas = atlas
         nothing: IntArray = np.empty(0, np.int64)
-        self._uid = nothing  # uid, by row, of the keyframe whose features were copied
-        # The version of the map at which the states of a keyframe's features were copied, by row
-        # of the table of keyframes, and that at which points were copied, by chunk.
+        self._uid = nothing  # by row: uid of the keyframe whose features were copied
+        # Version of the map at which the feature states of a keyframe (by row) were copied last,
+        # and a chunk of points (by chunk).
         self._state_version, self._chunk_version = nothing, nothing
 
     def state(self) -> tuple[IntArray, ...]:
-        """Return which rows have been copied, for `restore`."""
+        """Return which rows were copied, for `restore`."""
         return self._uid.copy(), self._state_version.copy(), self._chunk_version.copy()
 
     def restore(self, state: tuple[IntArray, ...]) -> None:
-        """Let `copy` copy the rows again that it has copied since `state` was called."""
+        """Forget which rows `copy` has copied since `state`, so that they are copied again."""
         self._uid, self._state_version, self._chunk_version = (rows.copy() for rows in state)
 
     def copy(self) -> MapPart:
-        """Return a copy of the next rows that have changed; it takes a few ms."""
+        """Return a copy of the next changed rows, which takes a few ms."""
         atlas, kf, points = self.atlas, self.atlas.keyframes, self.atlas.points
         last_change = np.maximum.reduceat(
             np.maximum(points.version, points.shifted), np.arange(0, points.capacity, CHUNK)

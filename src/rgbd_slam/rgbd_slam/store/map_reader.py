@@ -1,4 +1,4 @@
-"""Reads a map from the tables of a database."""
+"""Reading of a map from the tables of a database."""
 
 from __future__ import annotations
 
@@ -30,13 +30,13 @@ from rgbd_slam.store.tables import (
 def read_map(
     database: Database,
 ) -> tuple[MapHeader, IntArray, MapState, tuple[LoopEdge, ...]]:
-    """Return header, uids (K,) of the keyframes, map and loops between uids, all unchecked.
+    """Return header, keyframe uids (K,), map, and loop edges between uids, all unchecked.
 
     The map is in the core's map frame.
 
     Raises:
-        MapFileError: The database is damaged, or has no map. The text need not name the file.
-        ConfigError: The values of its camera are invalid.
+        MapFileError: The database is damaged or has no map. The text need not name the file.
+        ConfigError: The camera is invalid.
     """
     missing = [table.name for table in TABLES if not database.has(table)]
     row = None if missing else database.row(META, 0)
@@ -83,7 +83,7 @@ def _keyframes(database: Database) -> tuple[IntArray, dict[str, Array]]:
 def _joined(
     database: Database, table: Table, kind: type[Record], keys: IntArray | None = None
 ) -> tuple[IntArray, dict[str, Array]]:
-    """Return the lengths (R,) of the records of a table, and their joined columns."""
+    """Return the lengths (R,) of a table's records, and their concatenated columns."""
     columns: dict[str, list[Array]] = {name: [_empty(kind, name)] for name in kind.columns()}
     counts, found = [], []
     for key, record in database.rows(table):
@@ -103,15 +103,15 @@ def _empty(kind: type[Record], name: str) -> Array:
 
 
 def _indices(rows: Array, observed: Array) -> IntArray:
-    """Return the index among the points (P,) of the point that each feature (F,) observes.
+    """Return, for each feature (F,), the index among the points (P,) of its observed point.
 
-    Both are given by the row of a point in the table that was written, or NO_POINT.
+    Both arrays have rows of points in the table that was written, or NO_POINT.
     """
     capacity = 1 + max(int(rows.max(initial=-1)), int(observed.max(initial=-1)))
     if min(int(rows.min(initial=0)), int(observed.min(initial=NO_POINT)) + 1) < 0:
         raise MapFileError('is damaged: a row of a point is negative')
-    # Zeros take no memory before they are written, however large a row a hostile file names. The
-    # last element is that of NO_POINT = -1.
+    # Zeros take no memory until they are written, however large a row a hostile file names. The
+    # last element belongs to NO_POINT = -1.
     number = np.zeros(capacity + 1, np.int32)
     number[rows] = np.arange(1, len(rows) + 1)
     index = number[observed]

@@ -1,4 +1,4 @@
-"""Writes a map to the tables of a database: as a whole, or what has changed in it."""
+"""Writing of a map to the tables of a database, as a whole or only its changes."""
 
 from __future__ import annotations
 
@@ -29,28 +29,30 @@ from rgbd_slam.store.tables import (
 
 
 class MapWriter:
-    """Writes what has changed in a map to a database, in transactions.
+    """Writes the changes of a map to a database, in transactions.
 
-    A transaction is `begin` and `append` for each part of the map. Between two of them, the
-    database is closed, so that its disk can be made read-only. All of its content is written anew
-    the first time, and after somebody has deleted or replaced the database.
+    A transaction is `begin`, then `append` for each part of the map. Between transactions, the
+    database is closed, so that its disk can become read-only. The whole map is written the first
+    time, and again if the database was deleted or replaced.
     """
 
     def __init__(self, atlas: Atlas, open_database: Callable[[], Database]) -> None:
         self.atlas = atlas
         self._open_database = open_database
         self._parts = MapParts(atlas)
-        self._before = self._parts.state()  # at `begin`
-        self._database: Database | None = None  # during a transaction
-        self._stored_uids: IntArray | None = None  # None: nothing of this map is stored
-        self._written_uids: IntArray = np.empty(0, np.int64)  # keyframes with written features
+        self._before = self._parts.state()  # copied rows at `begin`
+        self._database: Database | None = None  # None: there is no transaction
+        # Keyframes in the database; None: this map is not stored.
+        self._stored_uids: IntArray | None = None
+        # Keyframes whose features were written.
+        self._written_uids: IntArray = np.empty(0, np.int64)
 
     @property
     def is_open(self) -> bool:
         return self._database is not None
 
     def begin(self) -> None:
-        """Begin a transaction; raise MapFileError if the database cannot be written."""
+        """Begin a transaction; MapFileError if the database cannot be written."""
         self._database = database = self._open_database()
         try:
             database.begin()
@@ -66,13 +68,13 @@ class MapWriter:
             raise
 
     def copy(self) -> MapPart:
-        """Return a copy of the next part of the map for `append`, between two images."""
+        """Return a copy of the next part of the map, for `append`; called between two images."""
         return self._parts.copy()
 
     def append(self, part: MapPart, header: MapHeader) -> bool:
-        """Write a part that `copy` returned; return whether it was the last one and is committed.
+        """Write a part that `copy` returned; return whether it was the last one, which commits.
 
-        Raises MapFileError if the database cannot be written, which is unchanged then.
+        MapFileError if the database cannot be written; it is unchanged then.
         """
         assert self._database is not None
         try:
@@ -129,7 +131,7 @@ def put_part(database: Database, part: MapPart) -> None:
 
 
 def put_keyframes(database: Database, keyframes: KeyframeCopy) -> None:
-    """Replace all keyframes of a map, which takes 6 ms for 1,000 of them."""
+    """Replace all keyframes of a map; this takes 6 ms for 1,000 keyframes."""
     *numbers, poses = keyframes
     columns = (column.tolist() for column in numbers)
     database.clear(KEYFRAMES)
@@ -157,7 +159,7 @@ def put_loops(database: Database, edges: Sequence[LoopEdge]) -> None:
 
 
 def _runs(record: Record, ends: IntArray) -> Iterator[Record]:
-    """Yield the rows of a record in runs that end before the rows `ends`."""
+    """Yield the rows of a record in runs; each ends before the next of the rows `ends`."""
     arrays, start = list(record.arrays().values()), 0
     for end in ends.tolist():
         yield type(record)(*(array[start:end] for array in arrays))

@@ -1,7 +1,7 @@
-"""The database of a node's map, from which the next node resumes if this one is killed.
+"""The database of a node's running map, which the next node resumes after a crash.
 
-A map is never deleted. When no node should resume it any more, its database is renamed to that of
-a saved map.
+A map is never deleted. If no node should resume it any more, its database gets the name of a saved
+map.
 """
 
 from __future__ import annotations
@@ -19,27 +19,28 @@ from rgbd_slam.store.map_file import MapFile
 from rgbd_slam.store.map_writer import MapWriter
 from rgbd_slam.store.tables import KEYFRAMES, TABLES
 
-_KEPT = 'kept-'  # first part of the names of kept maps
+_KEPT = 'kept-'  # beginning of the names of kept maps
 _MB = 1e6
 
 
 class RunningMap:
-    """The database `.running-NODE.hoidmap` of one node's map; `owner` is the node's name."""
+    """The database `.running-NODE.hoidmap` of a node's map; `owner` identifies the node."""
 
     def __init__(self, directory: str, owner: str) -> None:
         plain = ''.join(c if c.isalnum() else '-' for c in owner)
         folder = expand_home(directory, 'map_directory')
-        self.path = folder / f'.running-{plain}{SUFFIX}'  # hidden: no service accepts it as a name
+        # Hidden, so that no service accepts it as a name.
+        self.path = folder / f'.running-{plain}{SUFFIX}'
         self._old = folder / f'.checkpoint-{plain}'
         self._lock: OwnerLock | None = None
 
     @property
     def is_owned(self) -> bool:
-        """Return whether this process may write the database, which `own` asks for."""
+        """Return whether this process may write the database, because `own` was called."""
         return self._lock is not None
 
     def own(self, name: str) -> None:
-        """Make this process the only writer; MapFileError: another process is it already."""
+        """Make this process the only writer; MapFileError if another process already is."""
         self._lock = OwnerLock(self.path.with_suffix('.lock'), name)
 
     def disown(self) -> None:
@@ -55,11 +56,11 @@ class RunningMap:
         return f'{found[0]} is a checkpoint of version 0.3 or earlier and is not used: delete it'
 
     def read(self) -> MapFile | None:
-        """Return the map of the database, if there is one; MapFileError: it is damaged."""
+        """Return the map in the database; None if it has none, MapFileError if it is damaged."""
         return map_file.load(self.path) if self._num_keyframes() != 0 else None
 
     def writer(self, atlas: Atlas) -> MapWriter:
-        """Return the writer of a map, which replaces the stored map (`keep` that one before)."""
+        """Return the writer of a map that replaces the stored map; call `keep` before."""
         return MapWriter(atlas, self._open)
 
     def copy_to(self, path: Path) -> None:
@@ -67,13 +68,13 @@ class RunningMap:
             database.copy_to(path)
 
     def keep(self) -> str:
-        """Rename the database to a saved map; return a line for the log, or '' without a map."""
+        """Give the database the name of a saved map; return a log line, or '' if it has no map."""
         count = self._num_keyframes()
         if count == 0:
             for path in (self.path, *side_files(self.path)):
                 path.unlink(missing_ok=True)
             return ''
-        with suppress(MapFileError):  # of a damaged map, the journal is renamed as well
+        with suppress(MapFileError):  # the journal of a damaged map is renamed too
             Database.open(self.path, [], is_own=True).finish()
         path = kept(self.path, self.path.with_name(strftime(f'{_KEPT}%Y%m%d-%H%M%S{SUFFIX}')))
         what = 'unreadable map' if count is None else f'map of {counted(count, "keyframe")}'
@@ -96,7 +97,7 @@ class RunningMap:
         return Database.start(self.path, TABLES)
 
     def _num_keyframes(self) -> int | None:
-        """Return the number of stored keyframes, 0 without a database; None: it is damaged."""
+        """Return the number of stored keyframes; 0 without a database, None if it is damaged."""
         if not self.path.exists():
             return 0
         try:

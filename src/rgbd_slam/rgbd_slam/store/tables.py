@@ -1,6 +1,6 @@
 """The tables of a SLAM map in a database.
 
-Poses and points are in the map frame of the core of the node that wrote them.
+Poses and points are in the core's map frame of the node that wrote them.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from hoid_common.values import (
 
 @dataclass(frozen=True, eq=False)
 class CameraRow(Record):
-    """A `CameraModel`."""
+    """The columns of a `CameraModel`."""
 
     size_px: Annotated[IntArray, column('i8', 2)]  # width, height
     pinhole_px: Annotated[FloatArray, column('f8', 4)]  # fx, fy, cx, cy
@@ -66,10 +66,10 @@ class Covariance(Record):
 
 @dataclass(frozen=True, eq=False)
 class FeatureRows(Record):
-    """Features of keyframes, which never change."""
+    """The columns of keyframes' features that never change."""
 
     uv_px: Annotated[Float32Array, column('f4', 'features', 2)]  # undistorted
-    depth_m: Annotated[Float32Array, column('f4', 'features')]  # 0: no reading
+    depth_m: Annotated[Float32Array, column('f4', 'features')]  # 0: no depth
     octave: Annotated[ByteArray, column('u1', 'features')]
     angle_deg: Annotated[Float32Array, column('f4', 'features')]
     descriptors: Annotated[ByteArray, column('u1', 'features', 32)]
@@ -77,37 +77,41 @@ class FeatureRows(Record):
 
 @dataclass(frozen=True, eq=False)
 class StateRows(Record):
-    """The columns of features that change."""
+    """The columns of keyframes' features that change."""
 
-    point: Annotated[NDArray[np.int32], column('i4', 'features')]  # row of a point, or NO_POINT
+    # Row of the observed point, or NO_POINT.
+    point: Annotated[NDArray[np.int32], column('i4', 'features')]
     may_seed: Annotated[BoolArray, column('?', 'features')]
 
 
 @dataclass(frozen=True, eq=False)
 class PointRows(Record):
-    """Map points, by ascending row."""
+    """The columns of map points, by ascending row."""
 
-    row: Annotated[NDArray[np.int32], column('i4', 'points')]  # to which `StateRows.point` refers
+    # Row of the point, to which `StateRows.point` refers.
+    row: Annotated[NDArray[np.int32], column('i4', 'points')]
     position_m: Annotated[FloatArray, column('f8', 'points', 3)]
-    reference_uid: Annotated[IntArray, column('i8', 'points')]  # of the reference keyframe
-    num_visible: Annotated[IntArray, column('i8', 'points')]  # frames that should show it
-    num_found: Annotated[IntArray, column('i8', 'points')]  # frames in which it was found
+    reference_uid: Annotated[IntArray, column('i8', 'points')]  # uid of the reference keyframe
+    # Number of frames that should show it.
+    num_visible: Annotated[IntArray, column('i8', 'points')]
+    # Number of frames in which it was found.
+    num_found: Annotated[IntArray, column('i8', 'points')]
 
 
 class MapHeader(NamedTuple):
-    """The values that a map has once."""
+    """The values that a map has only once."""
 
     camera: CameraModel
     scale_factor: float  # ratio of the scales of two successive octaves
     num_octaves: int
     T_map_core: FloatArray  # (4, 4) pose of the core's map frame in the published map frame
-    session: str = ''  # name of the session in which the keyframes have their uids
-    stamp_ns: int = 0  # of the last image that was tracked in the map
+    session: str = ''  # name of the session in which the keyframes have these uids
+    stamp_ns: int = 0  # stamp of the last image that was tracked in the map
 
 
 META = Table(
     'meta',
-    'id',  # 0
+    'id',  # always 0
     {
         'camera': CameraRow,
         'scale_factor': float,
@@ -120,12 +124,13 @@ META = Table(
 KEYFRAMES = Table(
     'keyframes',
     'uid',
-    # parent_uid: in the spanning tree; DEAD for the root of a map.
+    # parent_uid: parent in the spanning tree; DEAD for the root of a map.
     {'stamp_ns': int, 'map_id': int, 'parent_uid': int, 'T_core_camera': Pose},
 )
 FEATURES = Table('features', 'uid', {'features': FeatureRows})
 STATES = Table('states', 'uid', {'states': StateRows})
-POINTS = Table('points', 'chunk', {'points': PointRows})  # CHUNK rows of the table of points each
+# Each row has CHUNK rows of the point table.
+POINTS = Table('points', 'chunk', {'points': PointRows})
 LOOPS = Table(
     'loops',
     'id',

@@ -1,4 +1,4 @@
 """Pose estimation of single frames, and the decision which frames become keyframes.
 
-No module of this package changes the map.
+The modules of this package do not change the map.
 """

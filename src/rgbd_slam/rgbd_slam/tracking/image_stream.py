@@ -1,8 +1,8 @@
-"""Finds missing images and copies of images in a stream.
+"""Detection of missing images and of repeated images in a stream.
 
-A driver that is set to 30 Hz sends a color image twice when the camera needs a long exposure in
-the dark, with a new stamp and a new depth image. If copies were tracked, the camera would seem to
-stop at each of them and to move twice as fast after it.
+If the camera needs a long exposure in the dark, a driver that is set to 30 Hz sends a color image
+twice, the second time with a new stamp and a new depth image. If such copies were tracked, the
+camera would seem to stop at each of them and to move twice as fast after it.
 """
 
 from __future__ import annotations
@@ -19,16 +19,17 @@ from hoid_common.values import NS_PER_S, Features, IntArray
 
 _logger = logging.getLogger(__name__)
 
-# Chosen, not tuned.
+# Chosen, not tuned: number of intervals whose mean is the period of the stream: one second at 30
+# Hz.
 _WINDOW = 31  # number of intervals whose mean is the period of the stream: one second at 30 Hz
-_MIN_INTERVALS = 5  # number of intervals from which on the period is known
-# If so many successive gaps have the same number of missing images, the stream has a lower rate,
-# such as that of a camera in the dark.
+_MIN_INTERVALS = 5  # the period is known from this number of intervals on
+# After this many successive gaps with the same number of missing images, the stream has a lower
+# rate, such as that of a camera in the dark.
 _NEW_RATE = 15
-_PAUSE_NS = NS_PER_S  # a longer gap is a pause of the camera or the bag, in which no image is lost
-# Chosen: an image is a copy if more than this share of its features have exactly the positions of
-# features of the original. In an image that is no copy, the noise of the camera moves all features
-# by fractions of a pixel. In a copy, some features differ because the filter may have removed
+_PAUSE_NS = NS_PER_S  # a longer gap is a pause of camera or bag, in which no image is lost
+# Chosen: an image is a copy if more than this ratio of its features have exactly the positions of
+# features of the original. In other images, the noise of the camera moves all features by
+# fractions of a pixel. In a copy, some features differ, because the filter may have removed
 # others.
 _MIN_SHARE = 0.5
 _NOTE = (
@@ -38,24 +39,24 @@ _NOTE = (
 
 
 class DroppedFrameCounter:
-    """Counts the images that are missing at the rate of the stream.
+    """Counts images that are missing according to the rate of the stream.
 
-    Stamps do not show whether a missing image was dropped or never taken. Therefore, if a stream
-    skips the same number of images `_NEW_RATE` times in a row, it has a lower rate from then on.
+    Stamps do not show whether a missing image was dropped or never taken. If a stream skips the
+    same number of images `_NEW_RATE` times in a row, it is taken to have a lower rate.
     """
 
     def __init__(self) -> None:
         self.num_dropped = 0
         self._last_ns: int | None = None
         self._intervals_ns: deque[float] = deque(maxlen=_WINDOW)
-        self._num_missing = 0  # number of images that are missing before the last one
-        self._num_equal = 0  # number of successive intervals with this number of missing images
+        self._num_missing = 0  # number of images missing before the last one
+        self._num_equal = 0  # number of successive intervals with this many missing images
 
     def add(self, stamp_ns: int) -> None:
-        """Add the stamp of the next image, and count the images that are missing before it.
+        """Add the stamp of the next image, and count the images missing before it.
 
-        The period of the stream is known from five intervals. It is measured anew after a stamp
-        that is not later than the last one, or a gap of more than a second.
+        The period of the stream is known after five intervals. It is measured again after a stamp
+        that is not later than the last one, or after a gap of more than a second.
         """
         last_ns, self._last_ns = self._last_ns, stamp_ns
         if last_ns is None or not 0 < stamp_ns - last_ns <= _PAUSE_NS:
@@ -70,7 +71,7 @@ class DroppedFrameCounter:
             if num_missing and self._num_equal == _NEW_RATE:
                 self._restart()
                 return
-            interval_ns /= num_missing + 1  # so that gaps do not lengthen the mean interval
+            interval_ns /= num_missing + 1  # so that gaps do not increase the mean interval
         self._intervals_ns.append(interval_ns)
 
     def _restart(self) -> None:
@@ -79,27 +80,27 @@ class DroppedFrameCounter:
 
 
 class Repetition(Enum):
-    """Which parts of an image are copies of the latest image that was no copy."""
+    """Which parts of an image repeat the latest original, the latest image that was not a copy."""
 
     NOTHING = 'nothing'
-    COLOR = 'color'  # the depth image is new
-    ALL = 'all'  # color and depth
+    COLOR = 'color'  # the color image is repeated, the depth image is new
+    ALL = 'all'  # color and depth are repeated
 
 
 class RepeatedImages:
-    """Recognizes copies by their features, most of which are at exactly the same pixels."""
+    """Recognizes copies, most of whose features are at exactly the same pixels as before."""
 
     def __init__(self) -> None:
-        self.num_repeated = 0  # color images that were copies with a new depth image
+        self.num_repeated = 0  # number of color images that were repeated with a new depth image
         self._original: Features | None = None
 
     @property
     def original_ns(self) -> int | None:
-        """Return the stamp [ns] of the latest image that was not a copy; None at the start."""
+        """Return the stamp (ns) of the latest original; None at the start."""
         return None if self._original is None else self._original.stamp_ns
 
     def add(self, features: Features) -> Repetition:
-        """Return which parts of the next image are copies of the latest image that was no copy."""
+        """Return which parts of the next image repeat the latest original."""
         original = self._original
         if original is None or not 0 <= features.stamp_ns - original.stamp_ns <= MAX_COPY_AGE_NS:
             self._original = features
@@ -117,7 +118,7 @@ class RepeatedImages:
 
 
 def _pixels(features: Features) -> IntArray:
-    """Return (N,) numbers that are equal where two positions are equal in all bits."""
+    """Return numbers (N,) that are equal if and only if two positions are equal in all bits."""
     uv_px = np.ascontiguousarray(features.uv_px, np.float32)
     return np.asarray(uv_px.view(np.int64)[:, 0])
 

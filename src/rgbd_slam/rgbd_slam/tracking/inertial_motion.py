@@ -1,4 +1,4 @@
-"""The motion source of an IMU: measured rotations, integrated forces or the last velocity."""
+"""Motion from an IMU: rotations by the gyro; positions by the accelerometer or last velocity."""
 
 from __future__ import annotations
 
@@ -15,22 +15,24 @@ from rgbd_slam.inertial.imu import Imu, MeasuredRotation
 from rgbd_slam.inertial.rotations import rotation_vector
 from rgbd_slam.tracking.motion_sources import BridgedMotion
 
-_DECAY_S = 0.4  # measured: a hand-held camera keeps its velocity for about this long
-# Chosen: a velocity is the mean of the tracked motions over about this time, three images.
+_DECAY_S = 0.4  # measured: time constant with which a hand-held camera loses its velocity
+# Chosen: time over which tracked motions are averaged to a velocity: three images.
 _SMOOTHING_S = 0.1
-_SPREAD_S = 5.0  # chosen: time over which the spread of the velocity is averaged
-_INITIAL_SPREAD_MPS = 0.2  # chosen: along each axis, of a hand-held camera
-_LEAST_RECKONED_S = 0.1  # chosen: over three images, the last velocity predicts as well
-_MAX_BRIDGE_S = 1.5  # chosen: after it, the error of the position exceeds about 0.2 m
-_RATE_NS = NS_PER_S // 50  # chosen: time of a measured rate, about one readout of an image
+_SPREAD_S = 5.0  # chosen: time over which the variance of the velocity is averaged
+_INITIAL_SPREAD_MPS = 0.2  # chosen: standard deviation along each axis for a hand-held camera
+# Chosen: for less time, over three images, the last velocity predicts as well.
+_LEAST_RECKONED_S = 0.1
+_MAX_BRIDGE_S = 1.5  # chosen: after this time, the position error exceeds about 0.2 m
+# Chosen: time over which a rate is measured, about one readout of an image.
+_RATE_NS = NS_PER_S // 50
 _SOURCE = 'the gyro'
 
 
 class InertialMotion:
-    """Predicts the motion of the camera by a gyro, and bridges up to 1.5 s without tracking.
+    """Predicts the camera motion by a gyro, and bridges up to 1.5 s without tracking.
 
-    The rotation is measured. After 0.1 s, so is the position, if there is an accelerometer that
-    agrees with the tracked motion (`dead_reckoning`). Otherwise the position follows from the
+    The gyro measures the rotation. After 0.1 s, an accelerometer measures the position, if it
+    agrees with the tracked motion (`dead_reckoning`). Otherwise the position follows from the last
     velocity, which decays with a time constant of 0.4 s (an Ornstein-Uhlenbeck process) and whose
     variance is learned.
     """
@@ -38,13 +40,14 @@ class InertialMotion:
     def __init__(self, imu: Imu) -> None:
         self._imu = imu
         self._start_ns = self._stamp_ns = self._step_ns = 0
-        self._velocity_mps: FloatArray = np.zeros(3)  # in the frame of the last tracked image
+        # In the camera frame of the last tracked image.
+        self._velocity_mps: FloatArray = np.zeros(3)
         self._attitude = AttitudeFilter()
-        # The turn and the position since the last tracked image, for the stamps of both images.
+        # By the stamps of both images: rotation and position since the last tracked image.
         self._turn: tuple[tuple[int, int], MeasuredRotation | None] = (0, 0), None
         self._reckoned: tuple[tuple[int, int], Reckoned | None] = (0, 0), None
         self._observed_ns = 0  # stamp of the last tracked image
-        self._variance_m2ps2 = _INITIAL_SPREAD_MPS**2  # of the velocity, along each axis
+        self._variance_m2ps2 = _INITIAL_SPREAD_MPS**2  # variance of the velocity along each axis
 
     def start(self, stamp_ns: int) -> None:
         self._start_ns = self._stamp_ns = stamp_ns
@@ -55,7 +58,7 @@ class InertialMotion:
         self._step_ns, self._stamp_ns = stamp_ns - self._stamp_ns, stamp_ns
 
     def observe(self, T_last_camera: FloatArray) -> None:
-        """Learn the velocity, and let the IMU learn its mounting, time offset and biases."""
+        """Update the velocity by the tracked motion, and let the IMU calibrate itself by it."""
         elapsed_s = self._elapsed_s
         if elapsed_s <= 0:
             return
@@ -72,12 +75,12 @@ class InertialMotion:
         self._imu.observe(self._start_ns, self._stamp_ns, T_last_camera)
 
     def predict(self) -> FloatArray | None:
-        """Return T_camera_last (4, 4); None if the gyro has no rotation or no time elapsed."""
+        """Return T_camera_last (4, 4); None without rotation by the gyro or elapsed time."""
         rotation = self._rotation()
         return None if rotation is None else se3.inverse(self._motion(rotation))
 
     def rate_radps(self, stamp_ns: int) -> FloatArray | None:
-        """Return the turn rate (3,) of the camera at an image, about its own axes, if known."""
+        """Return the camera's turn rate (3,) about its own axes at an image; None if unknown."""
         half_ns = _RATE_NS // 2
         turn = self._imu.rotation(stamp_ns - half_ns, stamp_ns + half_ns)
         return (
@@ -85,9 +88,9 @@ class InertialMotion:
         )
 
     def rotation_prior(self) -> MeasuredRotation | None:
-        """Return the turn of the camera since the last tracked image by a filtered attitude.
+        """Return the rotation since the last tracked image by a filtered attitude, if known.
 
-        The tracked rotation of that image is only one part of the filtered attitude.
+        The filtered attitude is an average, to which that image contributes only a part.
         """
         correction, rotation = self._attitude.R_tracked_filtered, self._rotation()
         if correction is None or rotation is None or not self._imu.gives_prior:
@@ -96,7 +99,7 @@ class InertialMotion:
         return MeasuredRotation(correction @ rotation.R_first_second, sigma_rad)
 
     def bridge(self) -> BridgedMotion | None:
-        """Return the motion of `predict` with its covariances; None after 1.5 s."""
+        """Return the predicted motion with its covariances; None if unknown or after 1.5 s."""
         rotation = self._rotation() if self._elapsed_s <= _MAX_BRIDGE_S else None
         if rotation is None:
             return None
@@ -117,9 +120,9 @@ class InertialMotion:
         )
 
     def _rotation(self) -> MeasuredRotation | None:
-        """Return the measured turn since the last tracked image; None if it is unknown.
+        """Return the measured rotation since the last tracked image; None if it is unknown.
 
-        The recent error of the gyro adds to the standard deviation, because such errors persist.
+        The gyro's recent error is added to the standard deviation, because such errors persist.
         """
         stamps_ns = self._start_ns, self._stamp_ns
         if self._turn[0] != stamps_ns:
@@ -141,7 +144,7 @@ class InertialMotion:
         return T
 
     def _reckon(self) -> Reckoned | None:
-        """Return the position by the accelerometer, if better than by the last velocity."""
+        """Return the position by the accelerometer; None if the last velocity is more accurate."""
         stamps_ns = self._start_ns, self._stamp_ns
         if self._elapsed_s < _LEAST_RECKONED_S:
             return None
@@ -152,15 +155,15 @@ class InertialMotion:
         return reckoned if is_better else None
 
     def _reckoned_variance_m2(self, reckoned: Reckoned) -> float:
-        """Return the variance of a position along each axis, errors of the gyro included.
+        """Return the variance of a position along each axis, with that from errors of the gyro.
 
-        With a growing error of the attitude, gravity seems to accelerate the camera sideways.
+        A growing attitude error makes gravity look like an acceleration sideways.
         """
         of_turn_m = GRAVITY_MPS2 * self._attitude.rate_sigma_radps * self._elapsed_s**3 / 6
         return float(reckoned.variances_m2[0]) + of_turn_m**2
 
     def _position_variance_m2(self, elapsed_s: float) -> float:
-        """Return the variance along each axis of an integrated Ornstein-Uhlenbeck process."""
+        """Return the position variance along each axis of an Ornstein-Uhlenbeck velocity."""
         kept = np.exp(-elapsed_s / _DECAY_S)
         spread_s2 = 2 * _DECAY_S * elapsed_s - _DECAY_S**2 * (3 - 4 * kept + kept**2)
         return float(self._variance_m2ps2 * max(spread_s2, 0.0))

@@ -1,4 +1,4 @@
-"""Decides when a tracked frame becomes a keyframe (decision 004).
+"""The decision when a tracked frame becomes a keyframe (decision 004).
 
 The rules extend those of ORB-SLAM2 for depth cameras (Mur-Artal and Tardos, T-RO 2017).
 """
@@ -15,37 +15,36 @@ from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.optimize.measured_noise import median
 from rgbd_slam.tracking.tracker import TrackerOutput
 
-# ORB-SLAM3, Tracking.cc, NeedNewKeyFrame: number of observations from which a point of the
-# reference keyframe counts as confirmed (an observation with depth counts twice); the second
-# number applies while the map has at most two keyframes. `reference_share` is then replaced by the
-# share that ORB-SLAM3 uses for a map of one keyframe.
+# Least number of observations of a confirmed point of the reference keyframe, where one with depth
+# counts twice; the second number is for maps of at most two keyframes, for which ORB-SLAM3's ratio
+# for a map of one keyframe replaces `reference_share` (ORB-SLAM3, Tracking.cc, NeedNewKeyFrame).
 _MIN_WEIGHT = 3
 _MIN_WEIGHT_NEW_MAP = 2
 _NEW_MAP_KEYFRAMES = 2
 _NEW_MAP_SHARE = 0.4
-_NUM_NEIGHBORS = 24  # not tuned: covisible keyframes whose views are compared with that of a frame
-# Decision 004: the points of a keyframe have been confirmed or culled once so many keyframes have
-# followed it.
+# Not tuned: number of covisible keyframes whose views are compared with that of a frame.
+_NUM_NEIGHBORS = 24
+# Decision 004: after this many further keyframes, the points of a keyframe are confirmed or
+# culled.
 _SETTLED_AGE = 10
-# Decision 004: the largest difference of two views that count as the same one: rotation [rad] plus
-# distance over median depth.
+# Decision 004: two views count as the same up to this difference: rotation (rad) plus distance
+# divided by the median depth.
 _SAME_VIEW_RAD = 0.2
-# Difference of two views, of the same kind, from which a further keyframe is requested while one
-# is pending. Chosen: the usual difference between two keyframes of a drive while the mapper is in
-# time.
+# Difference of two views from which another keyframe is requested while one is pending. Chosen:
+# the usual difference between two keyframes of a drive while the mapper is in time.
 _PENDING_VIEW_RAD = 0.1
-# Not tuned: side of the cells of the image. In a known view, a feature without a map point has
-# newly appeared only if no map point is expected in its cell.
+# Not tuned: side of the image cells (px). In a known view, a feature without a map point is new
+# only if no map point is expected in its cell.
 _CELL_PX = 40
-_ROW = 1 << 16  # chosen: more than the number of cells in a row of the image
+_ROW = 1 << 16  # chosen: more than the number of cells in a row
 
 
 class KeyframePolicy:
-    """Selects a frame as a keyframe once it tracks clearly fewer map points than before.
+    """Selects a frame as a keyframe if it tracks clearly fewer map points than before.
 
-    The number is compared with the frames since the last keyframe and with the points of the
-    reference keyframe. A frame that tracks few near points, and could create many, is selected as
-    well. Points are near if their disparity is above `close_px`.
+    Its number of points is compared with the frames since the last keyframe, and with the
+    reference keyframe. A frame that tracks few near points, but could create many, is selected
+    too. Points are near if their disparity is above `close_px`.
     """
 
     def __init__(self, atlas: Atlas, config: KeyframeConfig, close_px: float) -> None:
@@ -58,20 +57,20 @@ class KeyframePolicy:
         self._config = config
 
     def restart(self) -> None:
-        """Forget the last keyframe, because the stamps have started again."""
+        """Forget the last keyframe, because the stamps have started anew."""
         self.inserted(0)
 
     def inserted(self, stamp_ns: int) -> None:
-        """Register a keyframe with this stamp: time and tracked points are compared with it."""
+        """Register a keyframe with this stamp, with which later frames are compared."""
         self._last_ns = stamp_ns
         self._most_inliers = 0
 
     def wants(self, tracking: TrackerOutput) -> bool:
-        """Return whether a frame should become a keyframe. Call it once for every tracked frame.
+        """Return whether a frame should become a keyframe; call this for every tracked frame.
 
         While a keyframe is pending, only a change of the view counts. While tracking is good, no
-        keyframe is requested within `min_gap_s` of the last one, and, with `skip_known_views`,
-        none in a view that an old keyframe has already.
+        keyframe is requested within `min_gap_s` of the last one nor, with `skip_known_views`, in a
+        view that an old keyframe has.
         """
         num_inliers = tracking.num_inliers
         self._most_inliers = max(self._most_inliers, num_inliers)
@@ -87,7 +86,7 @@ class KeyframePolicy:
         if gap_s < self._config.min_gap_s and not is_falling:
             return False
         if is_falling:
-            return True  # even in a known view: otherwise the camera may be lost
+            return True  # even in a known view, because the camera might get lost
         is_needed = share < self._config.fewer_share or self._lacks_close_points(tracking)
         is_needed = is_needed or self._leaves_reference(i, num_inliers)
         return is_needed and not (
@@ -97,8 +96,8 @@ class KeyframePolicy:
     def _leaves_pending(self, tracking: TrackerOutput) -> bool:
         """Return whether the view has changed since the newest keyframe, which is still pending.
 
-        Then a keyframe must be inserted that overlaps with both views: otherwise a late mapper
-        could not connect the present view with the map.
+        A keyframe that overlaps with both views is needed then: without it, a late mapper could
+        not connect the present view with the map.
         """
         T_map_pending = self._atlas.pose(max(self._atlas.pending))
         if T_map_pending is None:
@@ -113,11 +112,11 @@ class KeyframePolicy:
         return bool(tracked < self._config.min_close_tracked and new > self._config.min_close_new)
 
     def _is_known_view(self, tracking: TrackerOutput, i: int) -> bool:
-        """Return whether an old keyframe has the same view, and nothing new has appeared in it.
+        """Return whether an old keyframe has the same view, in which nothing is new.
 
         Features that do not match the map in a known view did not match it at earlier visits
-        either. A keyframe at each visit would make the map grow with time instead of with the
-        space seen.
+        either. With a keyframe at each visit, the map would grow with time instead of with the
+        mapped space.
         """
         keyframes, frame = self._atlas.keyframes, tracking.tracked.frame
         rows = np.r_[i, self._atlas.covisible(i, limit=_NUM_NEIGHBORS)]
@@ -132,9 +131,9 @@ class KeyframePolicy:
         return bool(appeared <= self._config.min_close_new)
 
     def _view_differences(self, tracking: TrackerOutput, poses: FloatArray) -> FloatArray:
-        """Return the (N,) differences [rad] of the view of a frame from poses (N, 4, 4).
+        """Return the differences (N,) in rad between a frame's view and those at poses (N, 4, 4).
 
-        A difference is the rotation plus the distance over the frame's median depth.
+        A difference is the rotation plus the distance divided by the frame's median depth.
         """
         frame = tracking.tracked.frame
         T = se3.inverse(tracking.tracked.T_map_camera) @ poses
@@ -144,12 +143,12 @@ class KeyframePolicy:
         return np.asarray(difference_rad)
 
     def _is_close(self, pixels: FloatArray | Float32Array) -> BoolArray:
-        """Return the (N,) mask of u, v, u_right (3, N) that are near enough to create a point."""
+        """Return the mask (N,) of u, v, u_right (3, N) that are near enough to create a point."""
         is_close: BoolArray = pixels[0] - pixels[2] > self._close_px  # False without depth (NaN)
         return is_close
 
     def _leaves_reference(self, i: int, num_inliers: int) -> bool:
-        """Return whether a frame tracks few points compared with reference keyframe `i`."""
+        """Return whether a frame tracks few points compared with its reference keyframe `i`."""
         keyframes, points = self._atlas.keyframes, self._atlas.points
         seen = keyframes.point_of_feature[i]
         seen = seen[seen != NO_POINT]

@@ -1,6 +1,6 @@
 """Motion sources, which predict the motion of the camera between images.
 
-A further source is an object with the interface `MotionSource`, which `SlamSession` takes.
+To add a source, pass an object with the interface `MotionSource` to `SlamSession`.
 """
 
 from __future__ import annotations
@@ -13,10 +13,10 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import S_PER_NS, FloatArray
 
-# Not tuned: time over which the differences between external odometry and tracking are averaged.
+# Not tuned: time over which differences between external odometry and tracking are averaged.
 _AVERAGING_S = 2.0
-# Not tuned: standard deviation of the velocity of external odometry before it has been compared
-# with the camera [rad/s, m/s].
+# Not tuned: standard deviation of the velocity of external odometry (rad/s, m/s) before it is
+# compared with the camera.
 _INITIAL_ERROR_PER_S = np.array([0.1] * 3 + [0.1] * 3)
 
 MotionLookup = Callable[[int, int], FloatArray | None]
@@ -28,12 +28,12 @@ class BridgedMotion(NamedTuple):
 
     T_last_camera: FloatArray  # (4, 4)
     covariance: FloatArray  # (6, 6) in the camera frame, rotation first [rad^2, m^2]
-    # (6, 6) part of `covariance` whose errors differ from image to image.
+    # (6, 6) part of `covariance` whose errors are independent between images.
     image_covariance: FloatArray
     elapsed_s: float  # time since the last tracked frame
     source: str = 'the wheel odometry'  # name of the sensor in the status
-    # Whether the source bridges a short time only, in which its poses are as accurate as tracked
-    # ones, so that they are recorded in the trajectory.
+    # Whether the source bridges only a short time, in which its poses are as accurate as tracked
+    # ones and are recorded in the trajectory.
     is_short: bool = False
 
 
@@ -47,21 +47,22 @@ class MotionSource(Protocol):
         """Set the stamp of the image."""
 
     def observe(self, T_last_camera: FloatArray) -> None:
-        """Learn from the motion (4, 4) that the tracker measured from `start` to this image."""
+        """Learn from the motion T_last_camera (4, 4) tracked from `start` to this image."""
 
     def predict(self) -> FloatArray | None:
-        """Return the predicted motion T_camera_last (4, 4), or None if it is unknown."""
+        """Return the predicted motion T_camera_last (4, 4); None if it is unknown."""
 
     def bridge(self) -> BridgedMotion | None:
-        """Return T_last_camera with covariances; None unless it was measured."""
+        """Return the measured T_last_camera with covariances; None if it was not measured."""
 
 
 class ExternalOdometry:
-    """Reads the motion from external odometry, such as wheels, and learns its error."""
+    """Motion from external odometry, such as wheels, whose error is learned."""
 
     def __init__(self, lookup: MotionLookup) -> None:
         self._lookup = lookup
-        self._variance_per_s2: FloatArray = np.square(_INITIAL_ERROR_PER_S)  # (6,) of the velocity
+        # (6,) variance of the velocity.
+        self._variance_per_s2: FloatArray = np.square(_INITIAL_ERROR_PER_S)
         self._start_ns = self._stamp_ns = self._step_ns = 0
         self._T_last_camera: FloatArray | None = None
 
@@ -70,7 +71,7 @@ class ExternalOdometry:
         self._T_last_camera = np.eye(4)
 
     def advance(self, stamp_ns: int) -> None:
-        """Add the motion up to this stamp; after a gap, it is unknown until `start`."""
+        """Add the motion up to this stamp; after a gap, the motion is unknown until `start`."""
         T = self._T_last_camera
         if T is not None:
             step = self._lookup(self._stamp_ns, stamp_ns)
@@ -90,8 +91,8 @@ class ExternalOdometry:
         """Return the measured motion, or None if it is unknown.
 
         Its standard deviation grows linearly with time, because the error of a wheel's velocity
-        lasts. `image_covariance` is half the covariance of the motion between two images, so that
-        the difference of two poses has the covariance of that motion.
+        persists. `image_covariance` is half the covariance of the motion between two images, so
+        that the difference of two poses has the covariance of that motion.
         """
         if self._T_last_camera is None:
             return None

@@ -1,4 +1,4 @@
-"""The motion of the camera from frame to frame: predicted, measured and accumulated."""
+"""The motion of the camera between frames: predicted, measured and accumulated."""
 
 from __future__ import annotations
 
@@ -21,28 +21,28 @@ from rgbd_slam.tracking.pose_noise import PoseNoise
 from rgbd_slam.tracking.rolling_shutter import MovingView
 from rgbd_slam.tracking.tracker import TrackerOutput
 
-# Chosen: number of inliers that is enough for a pose that agrees with the motion predicted by the
-# gyro; other poses need `TrackingConfig.min_inliers`. It agrees if its rotation differs from the
-# predicted one by less than _AGREED_RAD, and its position from the predicted one by less than
-# _AGREED_M plus _AGREED_SIGMAS standard deviations of the prediction.
+# Chosen: number of inliers that suffices for a pose that agrees with the gyro's prediction; other
+# poses need `TrackingConfig.min_inliers`. It agrees if its rotation differs by less than
+# _AGREED_RAD, and its position by less than _AGREED_M plus _AGREED_SIGMAS standard deviations of
+# the prediction.
 _FEW_INLIERS, _AGREED_RAD, _AGREED_M, _AGREED_SIGMAS = 12, np.deg2rad(1.5), 0.02, 3.0
-# Chosen: a prediction over a longer time [s] makes few inliers no more certain. It may be wrong
-# itself, and a few chance matches agree with any pose.
+# Chosen: a prediction over a longer time (s) does not make few inliers more certain, because it
+# may be wrong itself, and a few chance matches agree with any pose.
 _AGREED_S = 0.2
 # Not tuned: longest time for which the last velocity is extrapolated (decision 006); a hand-held
-# camera keeps its velocity for little longer.
+# camera hardly keeps its velocity for longer.
 _HORIZON_S = 0.25
 _NOTE = 'too few map points are seen; the pose follows {}, for {:.1f} s and {:.2f} m'
 
 
 class Bridge(NamedTuple):
-    """The pose of an image that could not be tracked, from external odometry or the gyro."""
+    """The pose of an image that was not tracked, from external odometry or the gyro."""
 
     T_map_camera: FloatArray  # (4, 4)
     covariance: FloatArray  # (6, 6) in the camera frame, rotation first [rad^2, m^2]
-    # (6, 6) part of `covariance` whose errors differ from image to image.
+    # (6, 6) part of `covariance` whose errors are independent between images.
     image_covariance: FloatArray
-    note: str  # for the status
+    note: str  # text for the status
     T_last_camera: FloatArray  # (4, 4) motion since the last tracked frame
     is_short: bool  # whether the pose is recorded in the trajectory; see `BridgedMotion`
 
@@ -50,10 +50,10 @@ class Bridge(NamedTuple):
 class Odometry:
     """Accumulates the motions between tracked frames, as the pose `T_odom_camera`.
 
-    Corrections of the map do not change this pose. Motion sources predict the motion up to the
-    next image: a gyro first, then the last velocity, then further ones. Sources that measure the
-    motion (the gyro for up to 1.5 s) also replace the tracker while the camera is lost, which is
-    called bridging.
+    Corrections of the map do not change this pose. Motion sources predict the motion to the next
+    image: a gyro first, then the last velocity, then other sources. While the camera is lost,
+    those that measure motion (the gyro for up to 1.5 s) replace the tracker, which is called
+    bridging.
     """
 
     def __init__(
@@ -64,17 +64,17 @@ class Odometry:
     ) -> None:
         self.last: TrackedFrame | None = None
         self.T_odom_camera = np.eye(4)
-        # (6,) last observed velocity of points in the camera frame, rotation first [rad/s, m/s]
+        # (6,) last tracked velocity of points in the camera frame, rotation first (rad/s, m/s)
         self.twist: FloatArray = np.zeros(6)
-        # (6, 6) covariance of T_map_camera of the last frame, as a small motion in the camera
-        # frame, rotation first [rad^2, m^2]; and the part of it whose errors differ from image to
-        # image.
+        # (6, 6) covariance of T_map_camera of the last frame as a small motion in the camera
+        # frame, rotation first (rad^2, m^2), and the part of it whose errors are independent
+        # between images.
         self.covariance = self.image_covariance = np.zeros((6, 6))
         self._atlas = atlas
         self._gyro = gyro
         self._sources: list[MotionSource] = [] if gyro is None else [gyro]
         self._sources += further_sources
-        self._stamp_ns = 0  # of the image that `follow` was called for
+        self._stamp_ns = 0  # stamp of the latest image, set by `follow`
         self._T_odom_last = self.T_odom_camera
         self._pose_noise = PoseNoise()
 
@@ -84,10 +84,10 @@ class Odometry:
             source.advance(stamp_ns)
 
     def twist_at(self, stamp_ns: int) -> tuple[FloatArray, bool]:
-        """Return the velocity at an image, and whether a gyro has measured its rotation.
+        """Return the velocity (6,) at an image, and whether a gyro has measured its rotation.
 
-        The (6,) velocity is that of points in the camera frame, rotation first [rad/s, m/s]. The
-        part that no gyro measures is from `twist`, the last observed velocity.
+        It is the velocity of points in the camera frame, rotation first (rad/s, m/s). What no gyro
+        measures is taken from `twist`, the last tracked velocity.
         """
         rate_radps = None if self._gyro is None else self._gyro.rate_radps(stamp_ns)
         if rate_radps is None:
@@ -103,7 +103,7 @@ class Odometry:
         """Return the predicted motions T_camera_last (4, 4), the most reliable first.
 
         While the camera is tracked, its last velocity is more reliable than wheels, which slip.
-        Once it is lost, sources that have measured its motion come first.
+        While it is lost, sources that have measured its motion come first.
         """
         sources: list[MotionSource | None] = [*self._sources]
         sources.insert(0 if self._gyro is None else 1, None)  # the last velocity
@@ -125,10 +125,10 @@ class Odometry:
         return PosePrior(se3.inverse(self.pose() @ T_last_camera), information)
 
     def min_inliers(self, T_camera_map: FloatArray) -> int:
-        """Return the number of inliers that a pose T_camera_map (4, 4) of the current image needs.
+        """Return the number of inliers that a pose T_camera_map (4, 4) of this image needs.
 
-        Inliers of a pose that agrees with the motion by the gyro since a recent frame are unlikely
-        to be chance matches, so that few are enough.
+        If the pose agrees with the gyro's motion since a recent frame, its inliers are hardly
+        chance matches, so that few suffice.
         """
         motion = None if self._gyro is None else self._gyro.bridge()
         if motion is None or self.last is None or motion.elapsed_s > _AGREED_S:
@@ -143,7 +143,7 @@ class Odometry:
         """Add the motion from the last frame to a newly tracked one, by the current map.
 
         After bridged images, the motion of the source is added instead, because their published
-        poses are not corrected. Also updates the velocity and the covariances.
+        poses are not corrected. Velocity and covariances are updated too.
         """
         assert self.last is not None
         tracked = tracking.tracked
@@ -162,10 +162,10 @@ class Odometry:
         self.restart_from(tracked)
 
     def bridge(self) -> Bridge | None:
-        """Move `T_odom_camera` to the current image by a measured motion; return the image's pose.
+        """Move `T_odom_camera` to this image by a measured motion; return the image's pose.
 
-        The motion is that of external odometry or the gyro since the last tracked frame. None is
-        returned, and nothing moves, without a last frame or a measured motion.
+        The motion is that of external odometry or the gyro since the last tracked frame. Without a
+        last frame or a measured motion, nothing moves, and the result is None.
         """
         motion = self._bridged_motion()
         if self.last is None or motion is None:
@@ -184,7 +184,7 @@ class Odometry:
         )
 
     def extrapolated(self, stamp_ns: int, T_last_camera: FloatArray) -> TrackedFrame:
-        """Return the last frame moved by T_last_camera (4, 4), for an untracked image."""
+        """Return the last frame moved by T_last_camera (4, 4), for an image without tracking."""
         last = self.last
         assert last is not None
         return replace(
@@ -195,7 +195,7 @@ class Odometry:
         )
 
     def restart_from(self, tracked: TrackedFrame | None) -> None:
-        """Replace the last frame, or remove it (None), without moving `T_odom_camera`."""
+        """Set the last frame (None: there is none) without moving `T_odom_camera`."""
         self.last = tracked
         self._T_odom_last = self.T_odom_camera
         if tracked is not None:
@@ -210,12 +210,12 @@ class Odometry:
         return np.eye(4) if self.last is None else self.last.current_pose(self._atlas)
 
     def in_map(self, covariance: FloatArray) -> FloatArray:
-        """Return a covariance (6, 6), enlarged if the last frame is not in the main map."""
+        """Return a covariance (6, 6), enlarged if the last frame is outside the main map."""
         return covariance if self.is_in_main_map else covariance + UNKNOWN_COVARIANCE
 
     @property
     def anchor_uid(self) -> int | None:
-        """Return the uid of the keyframe that the last frame is relative to, if known."""
+        """Return the uid of the keyframe to which the last frame is relative; None if unknown."""
         anchor = self._atlas.anchor(self.last.reference_uid) if self.last is not None else None
         if anchor is None or anchor.row is None:
             return None
@@ -223,14 +223,14 @@ class Odometry:
 
     @property
     def is_in_main_map(self) -> bool:
-        """Return whether the last frame is in the map with most keyframes.
+        """Return whether the last frame is in the main map.
 
-        It is also true if there is no last frame, while the very first keyframe is pending, and if
-        the map does not know the reference keyframe of the last frame any more.
+        It is also True if there is no last frame, while the very first keyframe is pending, and if
+        the reference keyframe of the last frame was removed long ago.
         """
         keyframes = self._atlas.keyframes
         anchor = self._atlas.anchor(self.last.reference_uid) if self.last is not None else None
-        if anchor is None or anchor.row is None:  # no pose, or a map that is only starting
+        if anchor is None or anchor.row is None:  # no pose, or the first map has no keyframe yet
             return anchor is None or len(keyframes) == 0
         return int(keyframes.map_id[anchor.row]) == main_map(keyframes)
 
@@ -243,9 +243,9 @@ class Odometry:
             source.observe(T_last_camera)
 
     def _bridged_motion(self) -> BridgedMotion | None:
-        """Return the motion of the first source that has measured it.
+        """Return the motion of the first source that has measured it; None: no source has.
 
-        A source that measures the position comes before the gyro, which measures rotations.
+        Sources that measure the position come before the gyro, which measures only rotations.
         """
         motions = (source.bridge() for source in self._sources)
         known = [
@@ -259,10 +259,10 @@ class Odometry:
         return self._atlas.guard.is_valid(T, 'motion sources')
 
     def _update_covariances(self, tracking: TrackerOutput, T_last_camera: FloatArray) -> None:
-        """Update the covariances from the residuals and, once known, from the pose noise.
+        """Update the covariances from the residuals and, if known, from the pose noise.
 
-        If too few points of the map are seen, the tracker measures only the motion since the last
-        frame. The covariance of the last pose is then added to that of this motion.
+        If too few map points are seen, the tracker measures only the motion since the last frame,
+        and the covariance of the last pose is added to that of this motion.
         """
         consensus, before = tracking.consensus, self.covariance
         noise = self._pose_noise.covariance(consensus.image_covariance)

@@ -1,8 +1,8 @@
-"""The noise of estimated poses that the residuals do not show (decision 032).
+"""The noise of estimated poses that residuals do not show (decision 032).
 
-An error that all matches of an image share changes the pose and leaves no residual. But a camera
-moves smoothly: a parabola fits five successive poses, and the deviation of the middle pose from
-the parabola through the other four measures its error.
+An error that all matches of an image share changes the pose without residuals. But cameras move
+smoothly, so that a parabola fits five successive poses. The deviation of the middle pose from the
+parabola through the other four measures the pose error.
 """
 
 from __future__ import annotations
@@ -14,17 +14,18 @@ import numpy as np
 from hoid_common import se3
 from hoid_common.values import S_PER_NS, FloatArray, IntArray
 
-# Not tuned, except where another source is named (decision 032 has the resulting errors).
-_HALF_WINDOW = 2  # number of poses before, and of poses after, the middle one
+# Number of poses before and after the middle one. Not tuned, nor are the numbers below (decision
+# 032 has the resulting errors).
+_HALF_WINDOW = 2
 WINDOW = 2 * _HALF_WINDOW + 1
-_DEGREE = 2  # degree of the polynomial: constant acceleration
-_MAX_WINDOW_S = 0.3  # longest window; a hand-held camera keeps its acceleration for no longer
-_PRIOR_SAMPLES = 5  # weight of the residual-based covariance, in samples
-_MAX_SAMPLES = 60  # samples of the average, about two seconds; older ones count less
+_DEGREE = 2  # degree of the polynomial in time: constant acceleration
+_MAX_WINDOW_S = 0.3  # longest window; a hand-held camera hardly keeps its acceleration for longer
+_PRIOR_SAMPLES = 5  # weight of the residual-based covariance, as a number of samples
+_MAX_SAMPLES = 60  # number of samples in the average, about two seconds; older ones count less
 
 
 class PoseNoise:
-    """Estimates the covariance of poses from their deviations from a smooth motion."""
+    """Estimates the covariance of poses from their deviations from smooth motion."""
 
     def __init__(self) -> None:
         self._covariance: FloatArray = np.zeros((6, 6))
@@ -32,7 +33,7 @@ class PoseNoise:
         self.restart()
 
     def restart(self) -> None:
-        """Discard the recent poses, because the motion is interrupted."""
+        """Drop the recent poses, because the motion is interrupted."""
         self._poses: deque[tuple[int, FloatArray]] = deque(maxlen=WINDOW)
 
     def add(self, stamp_ns: int, T_odom_camera: FloatArray) -> None:
@@ -48,10 +49,10 @@ class PoseNoise:
             self._covariance += (np.outer(error, error) - self._covariance) / self._num_samples
 
     def covariance(self, prior: FloatArray) -> FloatArray | None:
-        """Return the (6, 6) covariance of a pose in the camera frame, rotation first, if known.
+        """Return a pose's covariance (6, 6) in the camera frame, rotation first; None if unknown.
 
-        The `prior`, which follows from the residuals of the pose, outweighs the measured
-        covariance as long as there are fewer than five samples.
+        The `prior`, from the residuals of the pose, outweighs the measured covariance as long as
+        there are fewer than five samples.
         """
         if self._num_samples == 0:
             return None
@@ -60,16 +61,17 @@ class PoseNoise:
 
 
 def smoothness_residuals(stamps_ns: IntArray, T_odom_camera: FloatArray) -> FloatArray:
-    """Return the (N, 6) deviations of middle poses from the parabola through the others.
+    """Return the deviations (N, 6) of middle poses from the parabola through the others.
 
-    They are twists from the middle pose to the parabola, in the camera frame of the middle pose,
-    rotation first [rad, m], scaled to the error of a single pose, as if all had equal noise. Each
-    of the (N, WINDOW) successive poses has a stamp; stamps increase strictly.
+    They are twists from the middle pose to the parabola, in the middle camera's frame, rotation
+    first (rad, m), scaled to the error of a single pose for equal noise of all. The stamps (N,
+    WINDOW) of successive poses increase strictly.
     """
     others = np.arange(WINDOW) != _HALF_WINDOW
     times_s = S_PER_NS * (stamps_ns[:, others] - stamps_ns[:, _HALF_WINDOW, None])
     powers = times_s[..., None] ** np.arange(_DEGREE + 1)
-    weights = np.linalg.pinv(powers)[:, 0]  # of the others in the parabola's value at time 0
+    # Weights of the other poses in the parabola's value at time 0.
+    weights = np.linalg.pinv(powers)[:, 0]
     T_middle_others = se3.inverse(T_odom_camera[:, _HALF_WINDOW, None]) @ T_odom_camera[:, others]
     deviation = (weights[:, None] @ se3.log(T_middle_others))[:, 0]
     return np.asarray(deviation / np.sqrt(1 + np.square(weights).sum(1, keepdims=True)))

@@ -1,4 +1,4 @@
-"""Relocalization: finds a lost camera in the whole map, or near a given pose first."""
+"""Relocalization: finds a lost camera near a given pose, or in the whole map."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from rgbd_slam.tracking.tracker import Tracker, TrackerOutput
 
 _logger = logging.getLogger(__name__)
 
-# Chosen: number of frames in which the camera is searched near a given pose first; the search
-# takes about 20 ms in each.
+# Chosen: number of frames in which the camera is first searched for near a given pose, which takes
+# about 20 ms each.
 _HINTED_FRAMES = 30
 _FOUND = 'found {:.1f} m and {:.0f} degrees from the pose given'
 _NOT_THERE = 'not found at the pose given; looking everywhere'
@@ -25,15 +25,15 @@ _NOT_THERE = 'not found at the pose given; looking everywhere'
 class Relocalizer:
     """Relocalizes single frames in the map.
 
-    The index of places is updated only when a frame is relocalized, so that it takes no time while
-    the camera is tracked.
+    The place index is updated only if a frame is relocalized, so that it takes no time while the
+    camera is tracked.
     """
 
     def __init__(self, atlas: Atlas, finder: PlaceFinder, tracker: Tracker) -> None:
-        self.num_found = 0  # relocalized frames
+        self.num_found = 0  # number of relocalized frames
         self._atlas, self._finder, self._tracker = atlas, finder, tracker
         self._hint: PoseHint | None = None
-        self._num_hinted = 0  # frames searched near the hint
+        self._num_hinted = 0  # number of frames that were searched near the hint
         self._note = self._logged = ''
 
     def relocalize_near(self, hint: PoseHint) -> None:
@@ -41,12 +41,12 @@ class Relocalizer:
         self._hint, self._num_hinted, self._logged = hint, 0, ''
 
     def consume_note(self) -> str:
-        """Return the message about the search near a pose of `relocalize_near`, and clear it."""
+        """Return the message about the search near the hint, once; '' if there is none."""
         note, self._note = self._note, ''
         return note
 
     def relocalize(self, frame: Frame, *, in_main_map: bool) -> TrackerOutput | None:
-        """Return the tracked frame; None if its place is unknown, ambiguous or fits badly.
+        """Return the tracked frame; None if its place is not found or ambiguous, or fits badly.
 
         With `in_main_map`, only the main map is searched.
         """

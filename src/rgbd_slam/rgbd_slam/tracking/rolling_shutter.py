@@ -1,14 +1,14 @@
 """Estimation and compensation of a rolling shutter (decision 033).
 
-The rows of an image are read one after another, which displaces the features of a moving camera. A
-wrong pose explains most of that displacement. The rest depends on the row and is proportional to
+The rows of an image are read one after another, which displaces the features if the camera moves.
+A wrong pose explains most of the displacement. The rest depends on the row and is proportional to
 the readout time, which is estimated from the residuals of several seconds.
 
-Without a gyro, these are the residuals of map points. A map that was made of displaced features
-agrees with them in fast turns, so that only a small part of the readout time shows. With a gyro,
-the velocity at each image is known well enough to compare images with each other instead.
+Without a gyro, these are the residuals of map points. But a map made from displaced features
+agrees with them in fast turns, so that residuals show only a small part of the readout time. With
+a gyro, the velocity at each image is accurate enough to compare images with each other instead.
 
-An image with more rows than columns was rotated by its driver: its columns are the sensor's rows.
+An image with more rows than columns was rotated by the driver: its columns are the sensor's rows.
 """
 
 from __future__ import annotations
@@ -28,55 +28,56 @@ from rgbd_slam.model.keyframes import NO_POINT
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.optimize.measured_noise import median
 
-# Not tuned, except where another source is named.
-# Number of successive images that give one estimate. Estimates of single images would not be
-# independent, because the errors of the map are the same in all images of one motion.
+# Number of successive images that give one estimate; estimates of single images would not be
+# independent, because map errors are the same in all images of one motion. Not tuned, nor are the
+# other numbers without a source.
 _IMAGES_PER_ESTIMATE = 10
 # Number of successive pairs of images that give one estimate; pairs depend less on the map.
 _PAIRS_PER_ESTIMATE = 5
-_MAX_ESTIMATES = 12  # number of the latest estimates, which are averaged
-# The same for pairs of images. The newest are matched best, because matches favor the readout time
-# that they are compensated for.
+_MAX_ESTIMATES = 12  # number of latest estimates that are averaged
+# The same for pairs of images. The newest are best, because they were matched after compensation
+# by the present readout time.
 _MAX_ESTIMATES_OF_PAIRS = 8
-_MIN_ESTIMATES = 4  # number of estimates before which the readout time counts as 0
-# Standard deviation of a prior readout time of 0, which prevails while the camera is at rest.
+_MIN_ESTIMATES = 4  # with fewer estimates, the readout time counts as 0
+# Standard deviation of a prior readout time of 0, which dominates while the camera is at rest.
 _PRIOR_S = 1e-3
-_MIN_READOUT_S = 5e-3  # decision 033: errors of map points look like a readout of 1 to 4 ms
-_MAX_READOUT_S = 0.05  # chosen: the interval of images at 20 Hz
-# Decision 033: the average is significant from this multiple of its standard error, which follows
-# from the scatter of the estimates.
+_MIN_READOUT_S = 5e-3  # errors of map points look like a readout of 1 to 4 ms (decision 033)
+_MAX_READOUT_S = 0.05  # chosen: the time between images at 20 Hz
+# The average is significant if it is at least this multiple of its standard error, which follows
+# from the scatter of the estimates (decision 033).
 _MIN_STANDARD_ERRORS = 3.0
-_MAX_MATCHES = 300  # largest number of matches of an image that are used
-_CAUCHY_SCALE = 2.0  # of the robust weights, in standard deviations (95 % efficiency: 2.385)
-_APART = 2  # chosen: images from the first to the second one of a pair
-_MIN_MATCHES = 30  # chosen: number of matches that a pair needs
-_MAX_APART_NS = NS_PER_S // 5  # chosen: images farther apart are not compared
-_OF_PAIR = 2**0.5  # factor of the standard deviation of the difference of two measurements
+_MAX_MATCHES = 300  # largest number of matches that are used per image
+# Scale of the robust weights in standard deviations (2.385 has 95 % efficiency).
+_CAUCHY_SCALE = 2.0
+_APART = 2  # chosen: number of images from the first to the second of a pair
+_MIN_MATCHES = 30  # chosen: least number of matches of a pair
+_MAX_APART_NS = NS_PER_S // 5  # chosen: images with a longer time between them are not compared
+_OF_PAIR = 2**0.5  # factor on the standard deviation for the difference of two measurements
 
 
 class MovingView(NamedTuple):
-    """A tracked image, compensated before it was tracked, and the velocity of its camera."""
+    """A tracked image, compensated before tracking, and the velocity of the camera."""
 
     tracked: TrackedFrame
-    matched: IntArray  # (N,) map point matched with each feature, outliers included, or NO_POINT
+    matched: IntArray  # (N,) map point matched with each feature, or NO_POINT; outliers included
     T_odom_camera: FloatArray  # (4, 4)
-    # (6,) velocity of points in the camera frame, rotation first [rad/s, m/s].
+    # (6,) velocity of points in the camera frame, rotation first (rad/s, m/s).
     twist: FloatArray
     is_measured: bool  # whether a gyro has measured the rotation of `twist`
 
 
 class RollingShutter:
-    """Estimates the readout time of an image, and moves features to the time of its middle row."""
+    """Estimates the readout time of images, and compensates features to the middle row's time."""
 
     def __init__(self, width_px: int, height_px: int) -> None:
-        # Time from the first row to the last, negative if the last one is read first; 0 as long as
+        # Time (s) from the first row to the last, negative if the last row is read first; 0 while
         # it is not significant.
         self.readout_s = 0.0
         self._is_turned = height_px > width_px
         self._num_rows = min(width_px, height_px)
-        # Estimates of the readout time [s], each with its information [1/s^2].
+        # Estimates of the readout time (s), each with its information (1/s^2).
         self._estimates: deque[tuple[float, float]] = deque(maxlen=_MAX_ESTIMATES)
-        # The latest images whose rotation a gyro has measured.
+        # The latest images, if a gyro has measured their rotation.
         self._views: deque[MovingView] = deque(maxlen=_APART + 1)
         self._compares_pairs = False
         self._begin()
@@ -88,9 +89,9 @@ class RollingShutter:
     def compensated(self, frame: Frame, camera: StereoCamera, twist: FloatArray) -> Frame:
         """Return the undistorted frame as if all rows had been exposed with the middle row.
 
-        The twist (6,) is that of points in the camera frame, rotation first [rad/s, m/s]. Features
-        without depth are assumed at the median depth. The frame is returned as it is if no readout
-        time is known, no feature has depth, or the camera is at rest.
+        `twist` (6,) is that of points in the camera frame, rotation first (rad/s, m/s). Features
+        without depth are assumed at the median depth. The frame is not changed if no readout time
+        is known, no feature has depth, or the camera is at rest.
         """
         if self.readout_s == 0 or not frame.has_depth.any() or not twist.any():
             return frame
@@ -106,10 +107,10 @@ class RollingShutter:
         return replace(frame, measurement_px=measurement_px, depth_m=compensated_m)
 
     def add(self, view: MovingView, atlas: Atlas, camera: StereoCamera) -> None:
-        """Update the estimated readout time with a tracked image.
+        """Update the estimate of the readout time by a tracked image.
 
         Without a gyro, the residuals of points with depth are used. Once a gyro has measured the
-        rotation of an image, only such images are used, each compared with the second one before.
+        rotation of an image, only such images are used, each compared with that two images before.
         """
         if view.is_measured:
             self._add_pair(view, camera, atlas.octave_scale)
@@ -150,12 +151,11 @@ class RollingShutter:
     def _compare(
         self, first: MovingView, second: MovingView, camera: StereoCamera, scale: FloatArray
     ) -> tuple[float, float]:
-        """Return the evidence of two images for the readout time; see `_marginal_of_time`.
+        """Return the evidence of two images for the readout time (`_marginal_of_time`).
 
-        The first image and its depth predict where the second one shows a point. A rolling shutter
-        displaces the point from there if the velocity of the camera or the row of the point has
-        changed. Matches that do not fit the poses are compared as well, because displaced features
-        do not fit.
+        Pixel and depth in the first image predict where the second one shows a point. A rolling
+        shutter displaces it from there if the velocity of the camera or the row of the point has
+        changed. Outliers of the poses are used too, because displaced features do not fit.
         """
         k_first, k_second = _common(first, second)
         if len(k_first) < _MIN_MATCHES:
@@ -182,7 +182,7 @@ class RollingShutter:
             self._update()
 
     def _update(self) -> None:
-        """Add the estimate of the last images; use the average if it is significant, else 0."""
+        """Add the estimate of the last images; use the average if significant, else 0."""
         if self._information > 0:
             self._estimates.append((self._weighted_s / self._information, self._information))
         self._begin()
@@ -198,13 +198,13 @@ class RollingShutter:
         )
 
     def _rows(self, measured_px: Float32Array | FloatArray) -> FloatArray:
-        """Return the (N,) sensor rows of pixels (3, N) u, v, u_right, from -0.5 (first) to 0.5."""
+        """Return the sensor rows (N,) of pixels (3, N) u, v, u_right, as -0.5 (first) to 0.5."""
         row_px = measured_px[0 if self._is_turned else 1]
         return np.asarray(row_px, np.float64) / self._num_rows - 0.5
 
 
 def _common(first: MovingView, second: MovingView) -> tuple[IntArray, IntArray]:
-    """Return at most 300 features (M,) of each image that are matched with the same points."""
+    """Return up to 300 features (M,) of each image that are matched with the same map points."""
     k_first, k_second = (
         np.flatnonzero((view.matched != NO_POINT) & view.tracked.frame.has_depth)
         for view in (first, second)
@@ -219,10 +219,10 @@ def _common(first: MovingView, second: MovingView) -> tuple[IntArray, IntArray]:
 def linearized(
     camera: StereoCamera, x: FloatArray, measured_px: FloatArray, scale: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives (6, 3, N) and residuals (3, N) of u, v and disparity of points.
+    """Return the derivatives (6, 3, N) and residuals (3, N) of u, v and disparity.
 
-    Both are divided by the standard deviations of a measurement, which grow with the size (N,) of
-    a pixel of the feature's octave. The derivatives are by a twist that moves the points (3, N).
+    Both are divided by the standard deviations of a measurement, which grow with the pixel size
+    `scale` (N,) of the feature's octave. Derivatives are by a twist that moves the points (3, N).
     """
     sigma = np.empty((3, len(scale)))
     sigma[:2] = camera.pixel_noise * scale
@@ -232,7 +232,7 @@ def linearized(
 
 
 def _pose_derivatives(camera: StereoCamera, x: FloatArray) -> FloatArray:
-    """Return the (6, 3, N) derivatives of u, v and disparity [px] of points (3, N) by a twist."""
+    """Return derivatives (6, 3, N) of u, v and disparity (px) of points (3, N) by a twist."""
     inv_z = 1 / x[2]
     a, b = x[0] * inv_z, x[1] * inv_z
     zero, one = np.zeros_like(a), np.ones_like(a)
@@ -249,11 +249,11 @@ def _with_disparity(pixels: FloatArray) -> FloatArray:
 def _marginal_of_time(
     by_pose: FloatArray, by_time: FloatArray, residual: FloatArray
 ) -> tuple[float, float]:
-    """Return the information [1/s^2] about a readout time, and its product with this time [1/s].
+    """Return the information (1/s^2) about the readout time, and its product with this time (1/s).
 
-    The readout time is the one that explains the normalized residuals (3, N). The pose is
-    marginalized out by the Schur complement, with robust weights (Cauchy). Both results are 0 if
-    the pose is not determined.
+    The readout time is that which explains the normalized residuals (3, N) best. The pose is
+    marginalized out by the Schur complement, with robust weights (Cauchy). Both are 0 if the pose
+    is not determined.
     """
     normal = normal_matrix(by_pose, by_time, residual)
     if np.linalg.matrix_rank(normal[:6, :6]) < 6:

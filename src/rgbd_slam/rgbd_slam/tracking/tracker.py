@@ -1,4 +1,4 @@
-"""The pose of each frame: match and optimize from a prediction, then refine with the local map."""
+"""The pose of a frame: matched and optimized from a prediction, refined by the local map."""
 
 from __future__ import annotations
 
@@ -33,26 +33,26 @@ from rgbd_slam.optimize.measured_noise import with_image_noise
 from rgbd_slam.optimize.pose_consensus import Consensus, PoseConsensus
 from rgbd_slam.optimize.pose_optimizer import PosePrior, PoseProblem
 
-# Number of inliers below which the initial pose is rejected. ORB-SLAM3, Tracking.cc,
-# TrackWithMotionModel: the local map has to add the rest of the inliers that a tracked frame
-# needs.
+# With fewer inliers, the initial pose is rejected. The local map must contribute the rest of the
+# inliers that a tracked frame needs (ORB-SLAM3, Tracking.cc, TrackWithMotionModel).
 _MIN_INITIAL_INLIERS = 10
-_OUTSIDE_PX = -1e4  # chosen: farther outside any image than any search window reaches
+_OUTSIDE_PX = -1e4  # chosen: pixel that no search window of an image reaches
 
 
 @dataclass(frozen=True, eq=False)
 class TrackerOutput:
-    """A tracked frame, and the statistics that mapping and diagnostics use."""
+    """A tracked frame, and statistics for mapping and diagnostics."""
 
     tracked: TrackedFrame
     consensus: Consensus
-    matched: IntArray  # (N,) point matched with each feature, outliers included, or NO_POINT
+    matched: IntArray  # (N,) point matched with each feature, or NO_POINT; outliers included
     tally: PointTally  # the points that should be visible in the frame, and those found in it
-    # (3, V) projections u, v, u_right of the visible points of the local map, without the inliers
-    # of the initial pose.
+    # (3, V) u, v, u_right of the visible points of the local map, without the inliers of the
+    # initial pose.
     expected_px: FloatArray
     moved: IntArray  # (M,) map points that turned out to be on moving objects
-    is_on_map: bool  # False: too few map points fit the pose; it rests on the last frame's depth
+    # False: too few map points fit, and the pose depends on the last frame's depth.
+    is_on_map: bool
 
     @property
     def num_inliers(self) -> int:
@@ -64,9 +64,9 @@ class TrackerOutput:
 
     @property
     def is_outlier(self) -> BoolArray:
-        """Return the (N,) mask of features whose matched map point they do not observe.
+        """Return the mask (N,) of features that do not observe the map point they match.
 
-        The match does not fit the pose, or the feature is on an object that would bias the pose.
+        Their match does not fit the pose, or is on an object that would bias the pose.
         """
         return np.asarray((self.matched != NO_POINT) & (self.tracked.points == NO_POINT))
 
@@ -76,7 +76,7 @@ class TrackerOutput:
 
 
 class _FramePose(NamedTuple):
-    """An estimated pose of a frame, and the correspondences that fit it."""
+    """An estimated pose of a frame, with the correspondences that fit it."""
 
     consensus: Consensus
     inliers: Correspondences
@@ -87,18 +87,18 @@ class _FramePose(NamedTuple):
 
 
 class _LocalMapMatches(NamedTuple):
-    """The result of searching the points of the local map in a frame."""
+    """The result of the search for the points of the local map in a frame."""
 
     reference_uid: int  # the keyframe that shares most points with the frame
     correspondences: Correspondences  # the inliers of the initial pose, then the new ones
-    visible: IntArray  # (S,) points that should be visible, those of the initial pose included
+    visible: IntArray  # (S,) points that should be visible, including those of the initial pose
     expected_px: FloatArray  # (3, V) projections of the points that were searched
 
 
 class Tracker:
-    """Estimates poses of frames in a map, which it does not change.
+    """Estimates poses of frames in a map, without changing it.
 
-    The seed and the stamp of a frame seed the random samples of RANSAC.
+    `seed` and a frame's stamp seed the random samples of RANSAC.
     """
 
     def __init__(
@@ -124,10 +124,10 @@ class Tracker:
     ) -> TrackerOutput | None:
         """Return the tracked frame; None if no pose has enough inliers.
 
-        Initial poses are tried from the cheapest to the most expensive search and refined with the
-        local map. The first convincing result is returned, or else the one with most inliers. The
+        Initial poses are tried from the cheapest to the most expensive search, and refined by the
+        local map. The result is the first convincing pose, or else the one with most inliers. The
         predicted motions T_camera_last (4, 4), the most likely first, only place the search
-        windows; the prior is used in the fit beside the matches.
+        windows; the `prior` is used in the optimization together with the matches.
         """
         self._consensus.prior = prior
         if self._atlas.anchor(last.reference_uid) is None:
@@ -148,9 +148,9 @@ class Tracker:
     def track_relocalized(
         self, frame: Frame, T_camera_map: FloatArray, points: IntArray, reference_uid: int
     ) -> TrackerOutput | None:
-        """Track a frame near a pose from the points (N,) found in it; None if too few fit.
+        """Track a relocalized frame from a pose and the points (N,) found; None if too few fit.
 
-        `reference_uid` is a keyframe that observes many of these points.
+        `reference_uid` is the uid of a keyframe that observes many of these points.
         """
         self._consensus.prior = None
         k = np.flatnonzero(points != NO_POINT)
@@ -161,11 +161,10 @@ class Tracker:
     def _initial_poses(
         self, frame: Frame, last: TrackedFrame, T_camera_last: Sequence[FloatArray]
     ) -> Iterator[_FramePose | None]:
-        """Yield initial poses, from the cheapest to the most expensive search, or None.
+        """Yield initial poses, from the cheapest search to the most expensive; None: not found.
 
-        If the last frame observed at least `few_points` map points, these are searched before its
-        depth measurements, which carry the error of the last pose on to the next one (decision
-        005).
+        If the last frame observed at least `few_points` map points, these are searched for before
+        its depth measurements, which propagate the error of the last pose (decision 005).
         """
         config = self._config
         T_last_map = se3.inverse(last.current_pose(self._atlas))
@@ -191,7 +190,7 @@ class Tracker:
     ) -> _FramePose | None:
         """Return the pose from landmarks found near their predicted projections; None if few fit.
 
-        Half sides of search windows in octave 0 are tried until one gives `few_matches` matches.
+        `radii_px`, half sides of search windows, are tried until one gives `few_matches` matches.
         """
         projection_px = self._project(landmarks, T_camera_map)
         scale = self._atlas.octave_scale[landmarks.octave]
@@ -204,7 +203,7 @@ class Tracker:
         return self._initial_pose(frame, landmarks, matches, T_camera_map)
 
     def _project(self, landmarks: Landmarks, T_camera_map: FloatArray) -> FloatArray:
-        """Return the (3, N) u, v, u_right [px] of landmarks; far outside if not in front."""
+        """Return u, v, u_right (3, N) in px of landmarks; far outside if behind the camera."""
         x = to_camera(T_camera_map, landmarks.position_m.T)
         is_behind = x[2] < MIN_DEPTH_M
         x[2][is_behind] = MIN_DEPTH_M
@@ -217,7 +216,7 @@ class Tracker:
     ) -> _FramePose | None:
         """Return the pose from descriptor matches with the last frame and its reference keyframe.
 
-        No predicted pose is needed, but the camera must be able to have moved so far.
+        It needs no prediction, but is rejected if the camera cannot have moved that far.
         """
         config, anchor = self._config, self._atlas.anchor(last.reference_uid)
         if anchor is None or anchor.row is None:
@@ -267,7 +266,7 @@ class Tracker:
         *,
         is_initial: bool = False,
     ) -> _FramePose:
-        """Optimize a pose on correspondences; return it with those that are inliers."""
+        """Optimize a pose on correspondences; return it with its inliers."""
         problem = PoseProblem.of(frame, found.k, found.position_m, self._atlas.octave_scale)
         if not is_initial:
             problem = with_image_noise(self._camera, problem, T_camera_map)
@@ -283,7 +282,7 @@ class Tracker:
     def _refine(
         self, frame: Frame, initial: _FramePose, reference_uid: int
     ) -> TrackerOutput | None:
-        """Return the frame with its pose refined on the local map; None if few points fit."""
+        """Return the frame with its pose refined by the local map; None if too few points fit."""
         searched = self._match_local_map(frame, initial, reference_uid)
         refined = self._estimate(frame, searched.correspondences, initial.T_camera_map)
         if not self._atlas.guard.is_valid(refined.T_camera_map, 'images'):
@@ -295,7 +294,7 @@ class Tracker:
     def _match_local_map(
         self, frame: Frame, initial: _FramePose, reference_uid: int
     ) -> _LocalMapMatches:
-        """Add matches with the local map, predicted by the initial pose, to its inliers."""
+        """Add matches with the local map, predicted by an initial pose, to the pose's inliers."""
         known = initial.inliers.points
         local_map = find_local_map(
             self._atlas, known, reference_uid, self._config.max_local_keyframes
@@ -326,10 +325,9 @@ class Tracker:
     def _output(
         self, frame: Frame, searched: _LocalMapMatches, refined: _FramePose
     ) -> TrackerOutput:
-        """Return the tracked frame, without the points of an object that biases the pose.
+        """Return the tracked frame, without observations on an object that biases the pose.
 
-        Features on such an object stay in `matched`, but observe no map point and may not create
-        one.
+        Features on such an object are still in `matched`, but observe and create no map point.
         """
         found = searched.correspondences
         consensus = refined.consensus
@@ -349,7 +347,7 @@ class Tracker:
         tally = PointTally(searched.visible, inliers.points)
         is_on_map = len(tally.found) >= self._config.min_inliers
         pending = self._atlas.pending
-        # If the map does not show the view because the mapper is late, a pending keyframe does.
+        # If the mapper is late and the map does not show the view, a pending keyframe does.
         reference_uid = searched.reference_uid if is_on_map or not pending else max(pending)
         return TrackerOutput(
             tracked_frame(frame, T_map_camera, points, self._atlas, reference_uid),
@@ -362,7 +360,7 @@ class Tracker:
         )
 
     def _is_convincing(self, tracking: TrackerOutput, last: TrackedFrame) -> bool:
-        """Return whether most matches fit, or most points of the last frame are seen again."""
+        """Return whether most matches fit, or most points of the last frame are found again."""
         share = self._config.convincing_share
         num_last = int(np.count_nonzero(last.points != NO_POINT))
         return tracking.inlier_ratio > share or tracking.num_inliers > share * num_last

@@ -1,4 +1,4 @@
-"""The result of tracking one frame."""
+"""The result of tracking a frame."""
 
 from __future__ import annotations
 
@@ -14,31 +14,33 @@ from rgbd_slam.tracking.tracker import TrackerOutput
 class TrackingResult:
     """The pose of one frame, its covariances and the tracking statistics.
 
-    Poses and covariances are None before a map is started, and if the camera is lost and no motion
-    source has a pose.
+    Poses and covariances are None before a map is started, and while the camera is lost without a
+    motion source.
     """
 
     stamp_ns: int
     state: SlamState
-    # (4, 4) in the core's map frame; it jumps when the map is corrected.
+    # (4, 4) in the core's map frame; jumps if the map is corrected.
     T_map_camera: FloatArray | None = None
-    # (4, 4) in the core's odometry frame, the optical frame of the camera in the first tracked
-    # image; it never jumps.
+    # (4, 4) in the core's odometry frame, the optical frame in the first tracked image; never
+    # jumps.
     T_odom_camera: FloatArray | None = None
-    # (6, 6) of T_map_camera in the camera frame, rotation first [rad^2, m^2]. It is large in a map
-    # that was started after a loss and is not the main one.
+    # (6, 6) of T_map_camera in the camera frame, rotation first (rad^2, m^2). It is large in a map
+    # other than the main map.
     covariance: FloatArray | None = None
-    image_covariance: FloatArray | None = None  # (6, 6) part whose errors differ between images
-    # Number of matched map points. For the first image of a map, this number and `num_inliers` are
-    # the number of features.
+    # (6, 6) part whose errors are independent between images.
+    image_covariance: FloatArray | None = None
+    # Number of matched map points. For the first image of a map, it is the number of features, as
+    # is `num_inliers`.
     num_tracked: int = 0
     num_inliers: int = 0  # number of matched map points that fit the pose
     is_keyframe: bool = False
-    is_predicted: bool = False  # the image is a copy of the last one; its pose was not measured
-    # Duration of 'track' and, once `learn` has used the image, of 'map'. It is empty for a lost
-    # image, and for the first image of a map.
+    is_predicted: bool = False  # the image repeats the last one, so that its pose was not measured
+    # Duration (ms) of 'track' and, after `learn`, of 'map'. Empty for a lost image, and for the
+    # first image of a map.
     stage_ms: dict[str, float] = field(default_factory=dict)
     # A second motion that explains part of the image; None if there is none.
     competing: CompetingMotion | None = None
     note: str = ''  # message for the status; '' if there is none
-    to_learn: TrackerOutput | None = None  # for `RgbdSlam.learn`; None: nothing is to be learned
+    # Input of `RgbdSlam.learn`; None: there is nothing to learn.
+    to_learn: TrackerOutput | None = None

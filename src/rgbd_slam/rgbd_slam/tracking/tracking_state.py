@@ -1,4 +1,4 @@
-"""The state machine of tracking: on the map, off it, bridged or lost, and when a new map starts.
+"""The state machine of tracking: on the map, off it, bridged or lost; and when a map starts.
 
 `docs/architecture.md` shows the states and transitions as a table.
 """
@@ -20,26 +20,26 @@ from rgbd_slam.model.tracked_frame import TrackedFrame
 
 _logger = logging.getLogger(__name__)
 
-# Chosen: largest part of a gap between two images that counts as lost, because the camera cannot
+# Chosen: of a gap between two images, at most this time counts as lost, because the camera cannot
 # be found without images.
 _MAX_GAP_NS = NS_PER_S // 2
-# Chosen: time and number of images after which a lost camera starts a new map where it sees "new
+# Chosen: a lost camera starts a new map after this time and number of images if it sees "new
 # ground", that is, surfaces that are not in the map. Most blurs are shorter.
 _NEW_GROUND_S = 0.4
 _NEW_GROUND_IMAGES = 5
-# Chosen: a map in which fewer images were tracked was started too early. The camera then waits
-# twice as long for the next map, so that useless images do not start a map every 0.4 s.
+# Chosen: a map in which fewer images were tracked was started too early. The wait for the next map
+# is then doubled, so that useless images do not start a map every 0.4 s.
 _MIN_TRACKED = 15
-_MIN_NEW_GROUND = 100  # chosen: number of features with depth that new ground must show
-# Chosen: within the time [s] after a loss, new ground must also show this share of the number of
-# features with depth in the images that were tracked last. A blurred image has fewer, and a map
-# that starts in a blur is lost again. After this time, few features are not due to a blur.
+_MIN_NEW_GROUND = 100  # chosen: least number of features with depth on new ground
+# Chosen: within this time (s) after a loss, new ground must also show at least this ratio of the
+# features with depth in the images tracked last. A blurred image has fewer, and a map that starts
+# with it is lost again. After this time, few features are not due to blur.
 _SHARP_SHARE, _MAX_BLUR_S = 0.8, 1.0
-_USUAL_GAIN = 0.1  # chosen: gain of an exponential average, over about 10 images (`_usual`)
-# Chosen: after two thirds of the time that a gyro bridges, new ground starts a map even in a blur.
-# Such a map stays connected with the one before; a later one would not.
+_USUAL_GAIN = 0.1  # chosen: gain of the exponential average `_usual`, over about 10 images
+# Chosen: after two thirds of the time that a gyro bridges, new ground starts a map even in a
+# blurred image. Such a map stays connected with the last one; a later one would not.
 _LATE_BRIDGE_S = 1.0
-_OFF_MAP_NS = NS_PER_S  # chosen: tracking without the map for longer is reported
+_OFF_MAP_NS = NS_PER_S  # chosen: tracking without the map is reported after this time
 _OFF_MAP = (
     'for {:.0f} s fewer than {} points of the map have been seen; the pose rests on the depth of '
     'the last image and drifts'
@@ -47,11 +47,11 @@ _OFF_MAP = (
 
 
 class TrackingState(Enum):
-    """How the pose of the latest image is known."""
+    """How the pose of the latest image was determined."""
 
     NO_MAP = 'no map'
     ON_MAP = 'on the map'  # enough map points fit the pose
-    OFF_MAP = 'off the map'  # tracked by the depth of the last image only
+    OFF_MAP = 'off the map'  # tracked only by the depth of the last image
     BRIDGED = 'bridged'  # not tracked; the gyro continues the pose, which is recorded
     DEAD_RECKONED = 'dead reckoned'  # not tracked; external odometry continues the pose
     LOST = 'lost'  # no pose
@@ -63,37 +63,38 @@ _TRACKED = TrackingState.ON_MAP, TrackingState.OFF_MAP
 class TrackingStates:
     """The state of tracking, the time without a tracked image, and the rule for new maps.
 
-    Each public method but `wants_map` is an event with its transition. A lost camera starts a new
-    map after `new_map_after_s`, or earlier on new ground. If something covers the view, such as a
-    person or a hand, it is better to wait: the map is behind it. Whether a surface hides the map
-    is evaluated at the last known pose, which is accurate only for the first image after the loss.
-    Therefore, a view counts as covered only if it was covered in that image and still is. A loss
-    in a map in which fewer than 15 images were tracked continues the loss before it.
+    Each public method except `wants_map` is an event with its transition. A lost camera starts a
+    new map after `new_map_after_s`, or earlier on new ground. But if something covers the view,
+    such as a person, it is better to wait, because the map is behind it. The last known pose, at
+    which this is tested, is accurate only for the first image after the loss. Therefore a view
+    counts as covered only if it was covered in that image and still is. A loss in a map in which
+    fewer than 15 images were tracked continues the loss before it.
     """
 
     def __init__(self, atlas: Atlas, camera: StereoCamera, config: SlamConfig) -> None:
         self.state = TrackingState.NO_MAP
-        self.num_bridged = 0  # bridged images since the last tracked one
+        self.num_bridged = 0  # number of bridged images since the last tracked one
         self.new_map_after_s = config.places.new_map_after_s
         self._atlas, self._camera, self._config = atlas, camera, config.tracking
-        self._newest_ns: int | None = None  # since the stamps started
+        self._newest_ns: int | None = None  # newest stamp since the stamps started anew
         self._lost_ns = 0  # time without a tracked image
-        self._off_map_ns: int | None = None  # stamp of the first of successive images off the map
+        # Stamp of the first image since which all were off the map.
+        self._off_map_ns: int | None = None
         self._wait_s = _NEW_GROUND_S
         self._num_tracked = 0  # number of images tracked since the last map was started
         self._num_lost = 0  # number of images since the camera was lost
-        self._usual = 0.0  # mean number of features with depth in the images tracked last
-        # Whether the view was covered in the first image after a loss; None: no loss yet.
+        self._usual = 0.0  # mean number of features with depth in the last tracked images
+        # Whether the view was covered in the first image after the loss; None: no loss yet.
         self._was_covered: bool | None = None
 
     @property
     def lost_s(self) -> float:
-        """Return the time [s] without a tracked image, with at most 0.5 s of each gap."""
+        """Return the time (s) without a tracked image, counting at most 0.5 s of each gap."""
         return S_PER_NS * self._lost_ns
 
     @property
     def note(self) -> str:
-        """Return a warning once images have been tracked off the map for a second, or ''."""
+        """Return a warning if images have been tracked off the map for a second, else ''."""
         newest_ns, since_ns = self._newest_ns, self._off_map_ns
         if self.state is not TrackingState.OFF_MAP or newest_ns is None or since_ns is None:
             return ''
@@ -102,9 +103,9 @@ class TrackingStates:
         return '' if off_ns < _OFF_MAP_NS else _OFF_MAP.format(S_PER_NS * off_ns, min_points)
 
     def image(self, stamp_ns: int) -> bool:
-        """Add the next image, and return whether the stamps have started again.
+        """Add the next image; return whether the stamps have started anew.
 
-        They have if `stamp_ns` is more than a second older than the newest stamp so far.
+        They have if `stamp_ns` is more than a second older than the newest stamp.
         """
         newest_ns = self._newest_ns
         if newest_ns is None or stamp_ns < newest_ns - RESTART_NS:
@@ -133,8 +134,8 @@ class TrackingStates:
     def missed(self, *, is_followed: bool, is_recorded: bool) -> None:
         """Register that the image was not tracked.
 
-        A motion source may continue the pose, which is recorded if it is as accurate as a tracked
-        one.
+        `is_followed`: a motion source continues the pose; `is_recorded`: this pose is as accurate
+        as a tracked one, and is recorded.
         """
         if self.state in _TRACKED:
             _logger.debug('image %.3f: too few map points are seen', self._newest_s)
@@ -146,7 +147,7 @@ class TrackingStates:
     def started(self) -> None:
         """Register that the image has started a map.
 
-        The wait for the next map is doubled; it is reset once 15 images were tracked in this one.
+        The wait for the next map is doubled, until 15 images were tracked in this map.
         """
         _logger.debug('image %.3f: a new map starts', self._newest_s)
         self._end_loss(TrackingState.ON_MAP)
@@ -154,13 +155,13 @@ class TrackingStates:
         self._wait_s *= 2
 
     def discarded(self) -> None:
-        """Register that the pose was discarded; the time without a tracked image begins now."""
+        """Register that the pose was discarded; the time without a tracked image starts now."""
         self.state, self._lost_ns, self.num_bridged = TrackingState.LOST, 0, 0
 
     def wants_map(self, frame: Frame, last: TrackedFrame | None) -> bool:
         """Return whether a new map should start with `frame`, in which the camera is lost.
 
-        Call it once for each such frame, because it counts them.
+        Call this exactly once for each lost frame, because it counts them.
         """
         lost_s, limit_s = self.lost_s, self.new_map_after_s
         if last is None or lost_s > limit_s:

@@ -1,8 +1,8 @@
 """Re-estimation of the poses of a map's first second (decision 034).
 
 In a new map no point is well observed yet, so that moving objects near the camera bias the poses.
-A second later, points that keyframes still observe are static and decide these poses anew. Only
-the recorded trajectory changes.
+A second later, points that keyframes still observe are static, and these poses are estimated again
+from them. Only the recorded trajectory changes.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from rgbd_slam.model.trajectory import TrajectoryRecorder
 from rgbd_slam.optimize.pose_consensus import PoseConsensus
 from rgbd_slam.optimize.pose_optimizer import PoseProblem
 
-_WARM_UP_NS = NS_PER_S  # decision 034: time after a map's start whose poses are re-estimated
-# Chosen: time after a map's start at which enough keyframes have observed the static points.
+_WARM_UP_NS = NS_PER_S  # poses up to this time after a map's start are re-estimated (decision 034)
+# Chosen: at this time after a map's start, enough keyframes have observed the static points.
 _SETTLED_NS = 2 * NS_PER_S
-_MAX_FRAMES = 120  # chosen, to bound the memory: a second at 120 Hz
+_MAX_FRAMES = 120  # chosen, to limit the memory: a second at 120 Hz
 
 
 class WarmUp:
@@ -38,24 +38,24 @@ class WarmUp:
         self._trajectory = trajectory
         self._config = config
         self._start_ns: int | None = None  # stamp of the first frame of the map
-        # Frames of the first second, each with its row in the trajectory.
+        # Frames of the map's first second, each with its index in the trajectory.
         self._frames: deque[tuple[int, TrackedFrame]] = deque(maxlen=_MAX_FRAMES)
 
     def begin(self, stamp_ns: int) -> None:
-        """Start a new map with the stamp of its first frame; stored frames are discarded."""
+        """Start a new map with the stamp of its first frame; drop stored frames."""
         self._frames.clear()
         self._start_ns = stamp_ns if self._config.consensus.enabled else None
 
     def add(self, tracked: TrackedFrame) -> None:
-        """Store the last frame of the trajectory, if it is in the first second of the map."""
+        """Store the last frame of the trajectory if it is in the map's first second."""
         start_ns = self._start_ns
         if start_ns is not None and 0 < tracked.frame.stamp_ns - start_ns < _WARM_UP_NS:
             self._frames.append((len(self._trajectory) - 1, tracked))
 
     def reestimate_next(self, camera: StereoCamera) -> None:
-        """Re-estimate one stored pose, once a keyframe is 2 s later than the first frame.
+        """Re-estimate one stored pose, if a keyframe is 2 s later than the first frame.
 
-        Call this once per image, so that the cost of an image is bounded.
+        Call this once per image, so that the time per image is limited.
         """
         keyframes, start_ns = self._atlas.keyframes, self._start_ns
         if not self._frames or start_ns is None:
@@ -73,10 +73,10 @@ class WarmUp:
     def _reestimate(
         self, n: int, tracked: TrackedFrame, is_static: BoolArray, camera: StereoCamera
     ) -> None:
-        """Replace the pose of frame `n` in the trajectory by one that its static points decide.
+        """Replace the pose of frame `n` in the trajectory by one estimated from its static points.
 
-        Nothing is replaced if the frame observes too few points of the mask `is_static` (capacity
-        + 1,), if too few matches fit the new pose, or if the trajectory has no pose of the frame.
+        It is kept if the frame observes too few points in the mask `is_static` (capacity + 1,), if
+        too few matches fit the new pose, or if the trajectory has no pose of the frame.
         """
         points = tracked.current_points(self._atlas)
         k = np.flatnonzero(points != NO_POINT)

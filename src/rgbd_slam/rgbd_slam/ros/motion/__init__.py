@@ -1,1 +1,1 @@
-"""Sensors of motion beside the camera: wheel odometry and an IMU."""
+"""Sensors that measure motion besides the camera: wheel odometry and an IMU."""

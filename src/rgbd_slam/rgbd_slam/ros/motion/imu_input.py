@@ -1,4 +1,4 @@
-"""The topics of an IMU, which is used if there is one."""
+"""The topics of an IMU, which is used if it publishes."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.inertial.mounting import Mounting, kalibr_mounting
 from rgbd_slam.inertial.sample_buffer import Samples
 
-# Chosen: messages that wait while an image is processed, 0.5 s at 400 Hz.
+# Chosen: messages that may wait while an image is processed: 0.5 s at 400 Hz.
 _QUEUE_LENGTH = 200
-_MAX_ROWS = 4000  # chosen, to bound the memory while no images arrive: 10 s at 400 Hz
+_MAX_ROWS = 4000  # chosen: limits the memory while no images arrive: 10 s at 400 Hz
 _IMU = 'imu'  # name of the problem in the diagnostics
 
 _Row = tuple[int, tuple[float, float, float]]
 
 
 class ImuInput:
-    """Collects the samples of an IMU between two images, and gives them to the session's `Imu`.
+    """Collects the samples of an IMU between two images, and passes them to the session's `Imu`.
 
-    A driver may publish gyro and accelerometer on `imu`, in turn or together, or the accelerometer
-    on `imu/accelerometer`.
+    A driver may publish gyro and accelerometer on `imu`, together or in separate messages, or the
+    accelerometer on `imu/accelerometer`.
     """
 
     def __init__(
@@ -40,12 +40,12 @@ class ImuInput:
         self._calibrated = kalibr_mounting(config)
         self._rates: list[_Row] = []
         self._accelerations: list[_Row] = []
-        self._frame = ''  # of the newest message
+        self._frame = ''  # frame of the newest message
         self._num_samples = 0
         self._imu: Imu | None = None
 
     def subscribe(self, inputs: Inputs) -> None:
-        """Subscribe to the IMU topics, unless the parameters switch the IMU off."""
+        """Subscribe to the IMU topics, unless the parameters disable the IMU."""
         if self._config.gyro or self._config.level:
             for topic in (topics.IMU, topics.ACCELEROMETER):
                 inputs.messages(
@@ -64,7 +64,7 @@ class ImuInput:
         return self._imu
 
     def deliver(self, camera_frame: str) -> None:
-        """Give the collected samples, and the mounting, to the IMU before an image is tracked."""
+        """Pass the collected samples and the mounting to the IMU, before an image is tracked."""
         imu = self._imu
         if imu is None or not (self._rates or self._accelerations):
             return
@@ -77,7 +77,7 @@ class ImuInput:
         self._rates, self._accelerations = [], []
 
     def report(self) -> None:
-        """Report faults in the diagnostics, and log the news of the IMU, after an image."""
+        """Report faults in the diagnostics and log messages of the IMU, after an image."""
         imu = self._imu
         if imu is None or not self._num_samples:
             return
@@ -88,7 +88,7 @@ class ImuInput:
         if imu.fit is not None:
             self._diagnostics.set_value('IMU time offset', f'{1e3 * imu.fit.offset_s:.0f} ms')
         for text, is_problem in imu.trust.take_news():
-            if text != imu.trust.problem:  # the diagnostics log that one
+            if text != imu.trust.problem:  # the diagnostics log the present problem themselves
                 logger = self._node.get_logger()
                 (logger.warning if is_problem else logger.info)(text)
 
@@ -96,7 +96,7 @@ class ImuInput:
         sample = imu_from_msg(msg)
         self._frame = msg.header.frame_id
         self._num_samples += 1
-        if self._imu is None:  # no session yet
+        if self._imu is None:  # there is no session yet
             return
         if sample.rate_radps is not None:
             self._rates.append((sample.stamp_ns, sample.rate_radps))

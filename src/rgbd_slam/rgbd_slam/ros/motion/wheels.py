@@ -1,4 +1,4 @@
-"""External odometry on /tf, such as that of the wheels."""
+"""External odometry on /tf, such as that of wheels."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from hoid_common.ros.diagnostics import Diagnostics
 from hoid_common.ros.frame_tree import listen_to_transforms
 from hoid_common.values import FloatArray
 
-# Chosen, to bound the memory: further children of the odometry frame are refused. A robot has one;
-# each buffer holds ten seconds of poses.
+# Chosen, to limit the memory: further children of the odometry frame are refused. A robot has one;
+# each has a buffer with ten seconds of poses.
 _MAX_CHILDREN = 16
 
 
 class WheelOdometry:
-    """Buffers the transforms from the odometry frame to its children; usually there is one."""
+    """Buffers the transforms from the odometry frame to its children, of which a robot has one."""
 
     def __init__(
         self, node: Node, odom: str, static: StaticFrames, diagnostics: Diagnostics
@@ -30,7 +30,7 @@ class WheelOdometry:
         listen_to_transforms(node, topics.TF, qos.TF, 'transforms', self._add, diagnostics)
 
     def at(self, stamp_ns: int, base: str) -> FloatArray | None:
-        """Return T_odom_base (4, 4) at a stamp; None if no child of `odom` gives it."""
+        """Return T_odom_base (4, 4) at a stamp; None if no child of `odom` leads to the base."""
         for child, poses in self._poses.items():
             T_child_base = self._static.find(child, base)
             T_odom_child = poses.at(stamp_ns)
@@ -39,7 +39,7 @@ class WheelOdometry:
         return None
 
     def motion(self, first_ns: int, second_ns: int, base: str) -> FloatArray | None:
-        """Return the motion T_first_second (4, 4) of the base between two stamps, if known."""
+        """Return the motion T_first_second (4, 4) of the base between stamps; None if unknown."""
         T_odom_first, T_odom_second = (self.at(ns, base) for ns in (first_ns, second_ns))
         if T_odom_first is None or T_odom_second is None:
             return None
