@@ -1,4 +1,4 @@
-"""The filter node alone.
+"""Launches only the filter node.
 
 ./hoid env ros2 launch hoid_filter hoid_filter.launch.py strategy:=hoid2d image:=/color/image_raw
 

@@ -1,4 +1,4 @@
-"""A mesh of the dense map, made with scikit-image and written with trimesh (extra `mesh`).
+"""A mesh of the dense map, computed with scikit-image and written with trimesh (extra `mesh`).
 
 The surface is where the mean of the distances from the tangent planes of near points is 0 (Hoppe
 et al., SIGGRAPH 1992; the weights are those of implicit moving least squares, Kolluri, SODA 2005).
@@ -25,13 +25,15 @@ from hoid_common.values import BoolArray, ByteArray, CameraModel, FloatArray, In
 from hoid_scene.dense.cloud_labels import CloudLabels
 from hoid_scene.dense.submap import ColoredCloud
 
-# Chosen, none is tuned. Neighbors from which a normal follows; reach of a point in cells of the
-# grid, and standard deviation of its weight; least sum of weights where there is a surface.
+# Chosen, none is tuned: number of neighbors from which a normal is computed; distance in cells up
+# to which a point has weight, and standard deviation of this weight; least sum of weights at a
+# corner of a surface.
 _NEIGHBORS, _REACH, _SIGMA, _MIN_WEIGHT = 16, 2, 0.8, 0.3
 _BLOCK = 96  # cells along a side of a block: the grid of one takes 30 MB
 _MIN_FACES = 50  # smaller pieces of the surface are noise, and left out
-# A camera sees a point if no other point is nearer by more than this, in one of so many columns
-# and rows of its image. At most so many cameras are used.
+# A camera sees a point if no other point in the same cell of its image, which has so many columns
+# and rows, is nearer by more than this. At most so many cameras are used, and only points up to
+# this range.
 _OCCLUDED_M, _COLUMNS, _ROWS, _MAX_CAMERAS, _RANGE_M = 0.15, 64, 48, 300, 6.0
 _T_GLTF_MAP = np.array([[1.0, 0, 0, 0], [0, 0, 1, 0], [0, -1, 0, 0], [0, 0, 0, 1]])  # y points up
 _SEMANTIC_HUE = 0.61803  # golden ratio: colors of numbers that follow each other differ most
@@ -46,7 +48,7 @@ class Mesh(NamedTuple):
     faces: IntArray  # (F, 3) indices of vertices, counterclockwise seen from outside
     colors_bgr: ByteArray  # (V, 3)
     labels: NDArray[np.uint32]  # (V,) as in `CloudLabels`
-    class_names: Sequence[str]  # of the labels from 1 on
+    class_names: Sequence[str]  # name of the class by label - 1
 
 
 def mesh_of(
@@ -56,7 +58,7 @@ def mesh_of(
     camera: CameraModel,
     T_map_camera: FloatArray,
 ) -> Mesh:
-    """Return the mesh of a cloud, whose front is where the cameras (K, 4, 4) see it from.
+    """Return the mesh of a cloud; its faces point to the cameras (K, 4, 4) that see them.
 
     InputError if the cloud has no surface.
     """
@@ -153,7 +155,8 @@ def _view_directions(
         cell, depth_m = row * _COLUMNS + column, local_m[ahead, 2]
         nearest_m = np.full((_ROWS, _COLUMNS), np.inf)
         np.minimum.at(nearest_m.reshape(-1), cell, depth_m)
-        hidden_m = minimum_filter(nearest_m, 3).reshape(-1) + _OCCLUDED_M  # there are holes
+        # 3x3: some cells have no point.
+        hidden_m = minimum_filter(nearest_m, 3).reshape(-1) + _OCCLUDED_M
         seen = ahead[depth_m < hidden_m[cell]]
         rays_m = T[:3, 3] - points_m[seen]
         out[seen] += rays_m / np.linalg.norm(rays_m, axis=1, keepdims=True)
@@ -198,7 +201,7 @@ def _surface(points: FloatArray, normals: FloatArray) -> tuple[FloatArray, IntAr
 def _summed(points: FloatArray, normals: FloatArray, side: int) -> tuple[FloatArray, FloatArray]:
     """Return sums for each corner (side ** 3,) of the cells of a block.
 
-    These are weighted distances [cells] from the tangent planes of points, and their weights.
+    These are weighted distances [cells] from the tangent planes of points, and the weights.
     """
     total, weights = np.zeros(side**3), np.zeros(side**3)
     first = np.floor(points).astype(np.int64)

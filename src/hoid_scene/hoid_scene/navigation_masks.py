@@ -21,16 +21,16 @@ from hoid_scene.tracks.object_track import TrackedObject
 CLOSED = 100
 """The value of a cell in which a robot must not be; 0: it may."""
 _STEP_S = 0.2  # chosen: a person walks 0.25 m in this time, less than the margin
-_MAX_CELLS = 1_000_000  # chosen: of the counts; 62,500 m2
+_MAX_CELLS = 1_000_000  # chosen: largest number of counted cells; 62,500 m2
 
 
 class Mask(NamedTuple):
     """Cells over the plane z = 0 of the map frame; row 0 is at the smallest y."""
 
     cells: NDArray[np.int8]  # (H, W) in [0, 100]
-    # That of the published grid, as Nav2's costmap has it: Nav2 applies a keep-out mask only where
-    # the costmap is updated and the mask has cells, and a speed filter keeps its last limit where
-    # the mask has none (nav2_costmap_2d, keepout_filter.cpp and speed_filter.cpp).
+    # The extent of the published grid, which Nav2's costmap has too: Nav2 applies a keep-out mask
+    # only where the costmap is updated and the mask has cells, and a speed filter keeps its last
+    # limit where the mask has none (nav2_costmap_2d, keepout_filter.cpp and speed_filter.cpp).
     extent: GridExtent
 
 
@@ -42,9 +42,9 @@ def changed_cells(before: Mask | None, mask: Mask) -> GridPatch | None:
 
 
 class NavigationMasks:
-    """Makes the masks from the tracks of people and objects.
+    """Computes the two masks from the tracks of people and objects.
 
-    Crossings are counted in the map frame of their time; they are not saved with the map.
+    Counts of crossed cells are not moved by corrections of the map, and not saved with it.
     """
 
     def __init__(self, config: NavigationConfig) -> None:
@@ -141,7 +141,7 @@ def _mark_disc(
     *,
     value: bool,
 ) -> None:
-    """Set the cells (H, W) whose centers, with x (W,) and y (H,), are in a disc."""
+    """Set the cells (H, W), with centers x (W,) and y (H,), that are in a disc to `value`."""
     columns = slice(*np.searchsorted(x_m, (center_m[0] - radius_m, center_m[0] + radius_m)))
     rows = slice(*np.searchsorted(y_m, (center_m[1] - radius_m, center_m[1] + radius_m)))
     gap_x, gap_y = x_m[columns] - center_m[0], y_m[rows] - center_m[1]

@@ -41,14 +41,14 @@ _WORK_PER_PAUSE = 0.25
 # Chosen: number of fused images without a floor from which this is reported. They take several
 # seconds, in which a robot sees its floor.
 _MAX_IMAGES_WITHOUT_FLOOR = 30
-_STORE_PERIOD_S = 5.0  # chosen: a crash loses so much of the object map
+_STORE_PERIOD_S = 5.0  # chosen: period of storing the object map; a crash loses so much of it
 _NO_KEYFRAMES_S = 10.0  # chosen: rgbd_slam starts within a few seconds
 _NO_KEYFRAMES = 'no message has come on {}: start rgbd_slam, and a camera whose images it tracks'
 _NOT_LEVEL = 'navigation.enabled needs frames.base of rgbd_slam, which makes the map level'
 
 
 class SceneNode(ManagedNode):
-    """Feeds a `SceneSession` from topics and publishes its maps.
+    """Passes messages to a `SceneSession`, and publishes its maps.
 
     The session begins with the first message of the SLAM node that has a camera.
     """
@@ -192,7 +192,7 @@ class SceneNode(ManagedNode):
             self._outputs.note_change()
         if self._outputs.due:
             self._outputs.publish_map(mapper, self._session.stamp_ns)
-            self._publish_masks()  # they have the extent of the grid
+            self._publish_masks()  # after the grid, whose extent they have
             self._report_floor(mapper)
         end_s = time.monotonic()
         self._rest_until_s = end_s + (end_s - start_s) / _WORK_PER_PAUSE

@@ -100,7 +100,7 @@ class SceneMapper:
 
     @property
     def is_map_level(self) -> bool:
-        """Whether the map frame is level to within a degree or two, by the base or by gravity.
+        """Return whether the map frame is level within about 2 degrees, by base or gravity.
 
         If so, the grid has the x and y of the map frame; otherwise it has a frame of its own,
         which is level with the floor.

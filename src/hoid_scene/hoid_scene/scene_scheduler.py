@@ -133,6 +133,6 @@ def _take(rate: Rate | None, stamp_ns: int) -> bool:
 
 
 def has_detections(objects: Sequence[DynamicObject]) -> bool:
-    """Return whether the detector saw an image, so that its boxes are not all predicted."""
+    """Return whether the detector processed an image, so that not all boxes are predicted."""
     known = [item for item in objects if item.class_name != UNKNOWN]
     return not known or any(item.state is not ObjectState.PREDICTED for item in known)

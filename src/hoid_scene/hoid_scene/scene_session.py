@@ -19,7 +19,7 @@ _LOG = logging.getLogger(__name__)
 
 
 class SceneSession:
-    """Owns the scene mapper of the present session, once the camera is known.
+    """Creates, restores and saves the scene mapper of the present session.
 
     If the store has the scene of this session, as after a crash of this process, it is restored
     from there. The same happens if the SLAM node crashed and continues its map in a new session.
@@ -38,7 +38,7 @@ class SceneSession:
         on_begin: Callable[[SessionKeyframes], None],
     ) -> None:
         self._config, self._store, self._on_begin = config, store, on_begin
-        self.known: SessionKeyframes | None = None  # as of the last message
+        self.known: SessionKeyframes | None = None  # keyframes of the last message
         self.mapper: SceneMapper | None = None
         self.stamp_ns = 0
         self._num_loaded = 0  # number of map files whose scene is in the mapper

@@ -1,4 +1,4 @@
-"""The scene node alone, beside a running rgbd_slam.
+"""Launches only the scene node, beside a running rgbd_slam.
 
 ./hoid env ros2 launch hoid_scene hoid_scene.launch.py
 

@@ -56,7 +56,8 @@ class NavigationConfig(Config):
         limits=(1.0, 100.0),
         expert=True,
     )
-    # Chosen for a family in one session: crossings of a cell that give the full speed reduction.
+    # Number of people who crossed a cell from which on the speed is reduced fully there. Chosen
+    # for a family in one session.
     busy_crossings: ClassVar[int] = 5
     # Speed (m/s) below which people count as standing. Chosen: above the tracker's noise.
     walking_mps: ClassVar[float] = 0.25

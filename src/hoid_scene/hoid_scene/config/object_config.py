@@ -32,11 +32,12 @@ class ObjectTrackerConfig(Config):
     rest_s: ClassVar[float] = REST_S
     # Least number of detections of a published track; a track with fewer may be a false detection.
     min_sightings: ClassVar[int] = 3
-    # Chosen, to bound the memory: with more tracks, those unseen for longest end.
+    # If there are more tracks, those that were not detected for longest end. Chosen, to bound the
+    # memory.
     max_objects: ClassVar[int] = 200
-    # Not tuned: distance up to which a detection continues the nearest track of its class, from
-    # its predicted position; and the same distance if object and track are at rest. A handled
-    # object may have been carried farther (see `ObjectTracker`).
+    # Not tuned: largest distance at which a detection is assigned to the nearest track of its
+    # class, from the predicted position of the track; and the same distance if object and track
+    # are at rest. A handled object may have been carried farther (see `ObjectTracker`).
     gate_m: ClassVar[float] = 0.7
     rest_gate_m: ClassVar[float] = 0.35
     measurement_sigma_m: ClassVar[float] = 0.08  # standard deviation of a measured center

@@ -30,7 +30,7 @@ class SceneConfig(Config):
 
 @dataclass(frozen=True)
 class SceneNodeConfig(NodeConfig, SceneConfig):
-    """All parameters of the node. Those of the core (`SceneConfig`) have the same names here."""
+    """All parameters of the scene node; those of the core (`SceneConfig`) keep their names."""
 
     map_directory: str = param(
         '~/.ros/hoid',

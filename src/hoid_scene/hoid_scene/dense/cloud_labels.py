@@ -13,9 +13,10 @@ from hoid_scene.dense.depth_view import voxel_keys
 
 NO_CLASS = 0
 """The label of points that belong to no object."""
-# A point belongs to an object if it is in the cell of one of its voxels, or beside it: noise of
-# depth, and the two lattices of voxels, shift it by up to a voxel. Without the neighbors, half of
-# the points of objects have no label; with 26 instead of 6, more labels are wrong (decision 052).
+# A point gets the label of an object if it is in the cell of one of the object's voxels, or in one
+# of the 6 cells beside it: noise of depth, and the different lattices of the dense map and the
+# object, shift it by up to a voxel. Without these neighbors, half of the points of objects have no
+# label; with 26 neighbors, more labels are wrong (decision 052).
 _AROUND = np.concatenate([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
 _CELL_M = 0.025  # the side of a voxel of an object
 
@@ -23,12 +24,12 @@ _CELL_M = 0.025  # the side of a voxel of an object
 class CloudLabels(NamedTuple):
     """The classes of the points of a cloud."""
 
-    labels: NDArray[np.uint32]  # (N,) NO_CLASS, or 1 + the index of the class
-    class_names: tuple[str, ...]  # name by label - 1; '': unused
+    labels: NDArray[np.uint32]  # (N,) label of each point: NO_CLASS, or 1 + index in `class_names`
+    class_names: tuple[str, ...]  # name of the class by label - 1; '': unused
 
 
 class CloudLabeler:
-    """Labels points, and numbers the classes.
+    """Labels points with the classes of objects, and assigns a number to each class.
 
     A class keeps its number while it has objects; afterwards another class may get the number.
     """
@@ -42,7 +43,7 @@ class CloudLabeler:
         objects: Sequence[tuple[str, FloatArray]],
         classes: Sequence[str],
     ) -> CloudLabels:
-        """Return the classes of points (N, 3); where objects overlap, the first object counts.
+        """Return the labels of points (N, 3), map frame; the first of overlapping objects counts.
 
         Args:
             objects: Class and points (M, 3) of each object at rest, in the map frame.

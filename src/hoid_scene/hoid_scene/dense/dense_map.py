@@ -1,10 +1,10 @@
-"""The dense map: colored voxels in submaps, and the stored images from which they are made.
+"""The dense map: colored voxels in submaps, and the stored images that were fused into them.
 
 Each submap is anchored to a keyframe, and each image is stored relative to one. A correction of
 the keyframes first moves each submap rigidly with its anchor. A submap whose images have moved
-relative to it is bent: if enough of them are still stored, its voxels are made again from them.
-The voxels of loaded submaps have no images: they only move with their anchor keyframe, and new
-images carve those that are wrong.
+relative to it is bent: if enough of them are still stored, they are fused again. The voxels of
+loaded submaps have no images: they only move with their anchor keyframe, and new images carve
+those that are wrong.
 """
 
 from __future__ import annotations
@@ -27,15 +27,15 @@ from hoid_scene.scene_scheduler import SceneRequest
 # Chosen: distance [m] by which a rotation is converted to a translation, a typical depth in a
 # room.
 _ROTATION_M_PER_RAD = 2.0
-_BENT_VOXELS = 0.5  # limit of displacement in voxels; not tuned
+_BENT_VOXELS = 0.5  # a submap is bent if its images have moved by more voxels; not tuned
 _FORCED_VOXELS = 0.05  # the same for a forced correction, as at the end of a run
-# Largest number of stored images within this distance of a new image; if there are more, the most
-# redundant image is removed. A camera that drives past stores 6 images per meter; a voxel needs 3.
-# Not tuned.
+# Not tuned: largest number of stored images within this distance of a new image; if there are
+# more, the most redundant image is removed. A camera that drives past stores 6 images per meter; a
+# voxel needs 3.
 _NEAR_M, _MAX_NEAR = 2.0, 100
 # Not tuned: a submap is rebuilt only if this share of its images, or this number, is still stored.
 _MIN_SHARE, _ENOUGH = 0.5, 10
-_REGION_M = 3.0  # radius; chosen: bounds the time to fuse one region again to about 2 s
+_REGION_M = 3.0  # radius of a region; chosen: bounds the time to fuse it again to about 2 s
 
 # Chosen: submaps move to disk until this share of the largest number of voxels is in memory, so
 # that one file takes many of them.
@@ -43,15 +43,15 @@ _KEPT_SHARE = 0.75
 
 
 class DenseMap:
-    """The submaps and the images of all maps, kept consistent with the keyframes.
+    """Keeps the submaps and the stored images of all maps, and moves them with the keyframes.
 
     An image changes the submaps of its map that it observes. Surface outside of them starts new
     submaps. Submaps of maps other than the main map are fused in frames of their own and are not
-    shown. When a recognized place merges the maps, they move to the map frame. The number
-    of images grows with the space that was seen, and not with time.
+    shown. When a recognized place merges the maps, they move to the map frame. The number of
+    images grows with the space that was seen, and not with time.
 
-    Methods raise MapFileError if the store of images cannot be read or written, and OSError if
-    the temporary file of voxels cannot.
+    Methods raise MapFileError if the store of images cannot be read or written, and OSError if the
+    temporary file of voxels cannot.
 
     Args:
         store: Store of the images, which is empty; None: a temporary one.
@@ -68,7 +68,7 @@ class DenseMap:
         self._views: dict[int, StoredView] = {}  # by slot, in the order of storing
         self._next_slot = 0
         self._camera_m = np.zeros(3)  # position of the camera at the last image, map frame
-        self._clouds: dict[Submap, tuple[int, ColoredCloud]] = {}  # with the submap's revision
+        self._clouds: dict[Submap, tuple[int, ColoredCloud]] = {}  # revision and points
 
     def __len__(self) -> int:
         return sum(map(len, self.submaps))
@@ -94,7 +94,7 @@ class DenseMap:
         return self._store.read(slot) if slot in self._views else None
 
     def add(self, request: SceneRequest, image: DepthView) -> None:
-        """Store an image, and fuse it.
+        """Store an image, and fuse it into the submaps.
 
         It is ignored if its keyframe does not exist any more. Keyframe poses that are not older
         than the present ones are applied first (`correct`). If many images are stored near this
@@ -197,7 +197,7 @@ class DenseMap:
         return ColoredCloud(np.concatenate(points_m), np.concatenate(colors_bgr))
 
     def export(self, keyframe_uids: IntArray) -> SubmapState:
-        """Return the record of the submaps whose anchors are among ascending uids (K,)."""
+        """Return the submaps, for a file, whose anchor keyframes are among ascending uids (K,)."""
         return SubmapState.of_submaps(self.submaps, keyframe_uids, self._config)
 
     def load(self, state: SubmapState, keyframe_uids: IntArray) -> None:

@@ -1,4 +1,4 @@
-"""RGB-D images as the dense map uses them: usable readings, their surface, and comparisons."""
+"""RGB-D images for the dense map: usable depth readings, their surface, comparison with points."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ class DepthCamera:
         return DepthView(flagged_mm, _halved(image_bgr[::stride, ::stride]))
 
     def in_view(self, centers_m: FloatArray, radius_m: float) -> BoolArray:
-        """Return the (N,) mask of the spheres (N, 3) in the camera frame that may be in view."""
+        """Return the (N,) mask of spheres, centers (N, 3), camera frame, that may be in view."""
         x, y, z = centers_m.T
         slope = self._max_slope
         is_near = (z > -radius_m) & (z < self._config.max_depth_m + radius_m)
@@ -145,7 +145,7 @@ class DepthCamera:
 def in_boxes(shape: tuple[int, ...], boxes_xyxy_px: Float32Array, margin_px: int) -> BoolArray:
     """Return the mask, of the given shape (H, W), of the pixels inside boxes (N, 4)."""
     out = np.zeros(shape, np.bool_)
-    for x1, y1, x2, y2 in boxes_xyxy_px:  # a handful of dynamic objects
+    for x1, y1, x2, y2 in boxes_xyxy_px:  # few boxes
         top, left = max(0, int(y1) - margin_px), max(0, int(x1) - margin_px)
         out[top : int(np.ceil(y2)) + margin_px, left : int(np.ceil(x2)) + margin_px] = True
     return out
@@ -160,7 +160,7 @@ def _halved(image_bgr: ByteArray) -> ByteArray:
 
 
 def pixel_rays(camera: CameraModel, stride: int) -> FloatArray:
-    """Return the (h, w, 3) rays with z = 1 of every n-th pixel, without lens distortion."""
+    """Return the rays (h, w, 3), camera frame, z = 1, of every n-th pixel, undistorted."""
     v, u = np.mgrid[0 : camera.height_px : stride, 0 : camera.width_px : stride]
     uv = camera.undistort_px(np.stack([u, v], -1).reshape(-1, 2).astype(np.float32))
     x = (uv[:, 0] - camera.cx_px) / camera.fx_px

@@ -123,7 +123,7 @@ def _centers_m(submaps: Iterable[Submap], T: FloatArray) -> FloatArray:
 
 
 def _split(surface: Surface, submaps: list[Submap]) -> tuple[dict[Submap, Surface], Surface]:
-    """Divide a surface among submaps; return their parts, in their frames, and the rest.
+    """Divide a surface among submaps; return each part, in the submap's frame, and the rest.
 
     The first submap that has space for a voxel gets it, so that the same voxel belongs to the same
     submap until a correction moves the submaps.

@@ -1,4 +1,4 @@
-"""A submap of the dense map: the voxels of one cube of space, in a frame that a keyframe carries.
+"""A submap of the dense map: the voxels of one cube of space, in a frame moving with a keyframe.
 
 Submaps follow Voxgraph (Reijgwart et al., RA-L 2020): a correction of the map moves each one
 rigidly with its anchor keyframe, so that no evidence is lost. Where cubes overlap, the oldest
@@ -21,12 +21,12 @@ from hoid_scene.config.dense_config import DenseConfig
 from hoid_scene.dense.depth_view import Surface
 from hoid_scene.place import Place
 
-SIDE = 64  # voxels; chosen: an image shows about 20 cubes of 1.6 m
+SIDE = 64  # voxels along an edge of the cube; chosen: an image shows about 20 cubes of 1.6 m
 # Voxels by which a cube extends into its neighbors: after a correction the cubes no longer meet
 # exactly, and thin gaps between them would fill with small new submaps. Not tuned.
 _OVERLAP = 4
 SPAN = SIDE + 2 * _OVERLAP
-_MAX_HITS = 30.0  # chosen: bounds the evidence, so that a change is seen within seconds
+_MAX_HITS = 30.0  # chosen: largest number of hits, so that a change is seen within seconds
 _CARVE_WEIGHT = 3.0  # an image that sees through a voxel cancels 3 that measured it; not tuned
 _W, _HITS, _VIEWS, _NUM_COLUMNS = 6, 7, 8, 9  # columns of `Submap.values` after w*xyz and w*bgr
 
@@ -48,7 +48,7 @@ class ColoredCloud(NamedTuple):
 
 
 class Submap:
-    """Voxels as a structure of arrays, sorted by key.
+    """The voxels of one cube of space, in arrays sorted by key.
 
     Its frame, `place`, has its origin at the corner of the cube with the smallest coordinates.
     """
@@ -103,7 +103,7 @@ class Submap:
         return self.T_map_submap[:3, :3] @ self.center_m + self.T_map_submap[:3, 3]
 
     def follow(self, before: KeyframePoses, after: KeyframePoses) -> bool:
-        """Move with the keyframe; return False if no keyframe of its map remains."""
+        """Move the submap with its anchor; return False if no keyframe of its map remains."""
         T_before = self.T_map_submap
         is_kept = self.place.follow(before, after)
         self.revision += self.T_map_submap is not T_before
@@ -215,7 +215,8 @@ class Submap:
         columns = np.concatenate([weights * means, weights, ones], axis=1)
         keys, inverse = np.unique(keys, return_inverse=True)
         out = np.zeros((len(keys), _NUM_COLUMNS), np.float32)
-        if len(keys) == len(inverse):  # no two voxels of the map frame share one here
+        # No two voxels of the map frame fall into the same voxel here.
+        if len(keys) == len(inverse):
             out[inverse] = columns
         else:
             np.add.at(out, inverse, columns.astype(np.float32))
@@ -227,7 +228,8 @@ class Submap:
             self.keys, self.values = np.array(self.keys), np.array(self.values)
 
 
-_CORNERS = np.array([[0, 0, 0], [1, 1, 0], [1, 0, 1], [0, 1, 1]], np.float64)  # a tetrahedron
+# Four of the eight corners of a cube with side 1, which span a tetrahedron.
+_CORNERS = np.array([[0, 0, 0], [1, 1, 0], [1, 0, 1], [0, 1, 1]], np.float64)
 
 
 def transform(T: FloatArray, points: Float32Array) -> Float32Array:

@@ -28,7 +28,7 @@ _OF_VOXELS = ('key', 'offset', 'color_bgr', 'weight', 'counts')
 
 @dataclass(frozen=True, eq=False)
 class SubmapState(Record):
-    """S submaps with N voxels in all, sorted by submap and key; 16 bytes per voxel."""
+    """S submaps in a file, with N voxels in all, sorted by submap and key; 16 bytes per voxel."""
 
     voxel_m: Annotated[FloatArray, column('f8', 1)]  # side of a voxel
     anchor: Annotated[NDArray[np.int32], column('i4', 'submaps')]  # row of the saved keyframe
@@ -52,7 +52,7 @@ class SubmapState(Record):
     def of_submaps(
         cls, submaps: Sequence[Submap], keyframe_uids: IntArray, config: DenseConfig
     ) -> SubmapState:
-        """Return the record of the submaps that have voxels and whose anchors are saved."""
+        """Return the record of the submaps that have voxels and anchors among the uids (K,)."""
         saved = set(keyframe_uids.tolist())
         kept = [submap for submap in submaps if len(submap) and submap.place.uid in saved]
         key = np.concatenate([np.empty(0, np.int32), *(submap.keys for submap in kept)])
@@ -78,7 +78,7 @@ class SubmapState(Record):
 
     @classmethod
     def joined(cls, parts: Sequence[SubmapState]) -> SubmapState:
-        """Return one record of the submaps of records with the same size of voxels."""
+        """Return one record of the submaps of several records, whose voxels have the same size."""
         columns = [state.arrays() for state in parts]
         together = {name: np.concatenate([c[name] for c in columns]) for name in columns[0]}
         return cls.of({**together, 'voxel_m': parts[0].voxel_m})

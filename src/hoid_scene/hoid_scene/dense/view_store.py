@@ -46,7 +46,7 @@ class StoredView(NamedTuple):
 
 
 class ViewStore:
-    """Stores images by number (slot).
+    """Stores the images of the dense map in a database, by number (slot).
 
     Its methods raise MapFileError if the database cannot be read or written.
 

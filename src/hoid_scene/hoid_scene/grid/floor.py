@@ -14,14 +14,14 @@ NO_FLOOR = (
     'place on /tf_static, or --mount ROLL PITCH YAW of "hoid run"'
 )
 """Why there is no grid, and what to do."""
-# Points less than this above the plane are on the floor, which boxes of furniture show between
-# the legs. Chosen: more than the noise of the floor.
+# Points less than this above the plane count as floor, which the boxes of furniture also show,
+# between the legs. Chosen: more than the noise of the floor.
 ON_FLOOR_M = 0.04
 _TRIALS = 300  # largest number of level planes that are compared; not tuned
 _SAMPLES_PER_TRIAL = 10  # triples of points per trial, because most planes are not level
 _THICKNESS_M = 0.03  # not tuned: 3 standard deviations of depth at 1.8 m (see `depth_view.py`)
 _MAX_TILT_RAD = np.deg2rad(20.0)  # not tuned: without a base frame the map is only nearly level
-_MAX_SHARE_BELOW = 0.03  # of all points; a plane with more below it is a table; not tuned
+_MAX_SHARE_BELOW = 0.03  # largest ratio of points below the floor; a table has more; not tuned
 _MIN_SHARE = 0.03  # smallest share of all points that lie on the floor; not tuned
 # Chosen: smallest standard deviation of the floor's points across the direction in which they
 # extend most. In a map that is tilted by 45 degrees, the lowest edge between floor and wall is a
@@ -33,7 +33,7 @@ _MIN_NORMAL_M2 = 1e-3  # twice the area of the smallest triangle that defines a 
 
 
 class Floor(NamedTuple):
-    """A plane in the map frame."""
+    """The floor: a plane in the map frame."""
 
     # (4, 4) pose of the floor frame: z along the upward normal, and as origin the point of the
     # plane that is nearest to the map's origin.
@@ -43,8 +43,8 @@ class Floor(NamedTuple):
     def T_map_ground(self) -> FloatArray:  # noqa: N802 - a transform's name
         """Return the affine transform (4, 4) from the ground frame to the map frame.
 
-        Coordinates in the ground frame are the x and y of the map frame, and as z the height above
-        the plane, so that a floor with a small slope in the map frame is level in it. The
+        A point has the same x and y in the ground frame as in the map frame, and as z its height
+        above the plane, so that a floor with a small slope in the map frame is level in it. The
         transform is not rigid.
         """
         T_ground_map = np.eye(4)
@@ -69,14 +69,14 @@ class Floor(NamedTuple):
 def find_floor(
     points_m: FloatArray, up: FloatArray, seed: int = 0, *, is_up_exact: bool = False
 ) -> Floor | None:
-    """Return the floor in a point cloud, found by RANSAC; None if there is none.
+    """Return the floor in points (N, 3), map frame, found by RANSAC; None if there is none.
 
     The floor is the level plane with most points, among those that have almost all other points
     above them (RANSAC: Fischler and Bolles, CACM 1981). It is refitted by least squares. Planes
     that tilt by more than 20 degrees, narrow strips and planes with few points are no floor.
 
     Args:
-        is_up_exact: Whether `up` is the normal of the floor, whose height alone is searched for.
+        is_up_exact: Whether `up` (3,) is the exact normal of the floor; only its height is then unknown.
     """
     rng = np.random.default_rng(seed)
     if len(points_m) > _MAX_POINTS:

@@ -102,13 +102,13 @@ class _Columns:
         return int(np.count_nonzero(self._bits != _ALL_FREE))
 
     def points_m(self, slot: int) -> Float32Array:
-        """Return the centers (N, 16, 3) of the steps of the N open columns, camera frame."""
+        """Return the step centers (N, 16, 3), camera frame, of the N columns not all free yet."""
         T_camera_submap = se3.inverse(self._submap.poses[slot])
         points_m = self._points_m[self._bits != _ALL_FREE]
         return transform(T_camera_submap, points_m.reshape(-1, 3)).reshape(-1, 16, 3)
 
     def take(self, bits: Bits) -> Bits:
-        """Add the free steps of the open columns, from the front of an array; return its rest."""
+        """Add the first N of `bits` to the N columns not all free yet; return the rest."""
         is_open = self._bits != _ALL_FREE
         count = int(np.count_nonzero(is_open))
         new = self._bits

@@ -21,7 +21,7 @@ _OCCUPIED_ABOVE, _FREE_BELOW = 0.65, 0.196  # the defaults of Nav2's map saver
 
 
 class GridExtent(NamedTuple):
-    """The cells of a grid over a plane of its frame."""
+    """Position, size and resolution of a grid in the x-y plane of its frame."""
 
     low: tuple[int, int]  # column and row of cell (0, 0), counted from the origin of the frame
     shape: tuple[int, int]  # numbers of rows and columns
@@ -85,7 +85,7 @@ def cells_of(
     free_above: NDArray[np.uint16],
     config: GridConfig,
 ) -> SubmapCells:
-    """Return the cells that the usable voxels of one submap fall into.
+    """Return the cells that the usable voxels (N, 3), level frame, of one submap fall into.
 
     Voxels up to `min_height_m`, also those below z = 0, are voxels of the floor; they are usable
     if enough images agree. Voxels from `max_height_m` on are not usable.

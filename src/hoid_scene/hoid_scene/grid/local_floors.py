@@ -17,7 +17,7 @@ _MIN_VOXELS = 100  # not tuned: fewer voxels show no floor
 
 
 class LocalFloors:
-    """Heights of the floor of submaps above one plane."""
+    """Determines the height of the floor in each submap above one plane."""
 
     def __init__(self, floor: Floor) -> None:
         self.floor = floor

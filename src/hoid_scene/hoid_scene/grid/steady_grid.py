@@ -37,7 +37,7 @@ class SteadyGrid:
     """Extends each grid to cover the one before it, so that the published map never shrinks."""
 
     def __init__(self) -> None:
-        self.last: Grid | None = None  # of the last call of `take_patch`
+        self.last: Grid | None = None  # grid of the last call of `take_patch`
 
     def clear(self) -> None:
         self.last = None

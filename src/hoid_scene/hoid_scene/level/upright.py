@@ -16,21 +16,23 @@ import numpy as np
 from hoid_common.values import FloatArray
 
 _CELL_M = 0.15  # side of the cells in which a plane is fitted; chosen: six voxels
-_MIN_POINTS = 12  # of a cell; chosen: a third of the voxels of a plane through it
+# Smallest number of points of a cell; chosen: a third of the voxels of a plane through it.
+_MIN_POINTS = 12
 _MAX_POINTS = 60_000  # chosen, to bound the time
 _MAX_CELLS = 600  # chosen, to bound the time: all directions are compared with all cells
-# Largest ratio of the thickness of a cell's points to their smaller extent, and smallest ratio of
-# the two extents, at which they are a plane (variances); chosen.
+# Chosen: a cell is planar if the variance of its points across the plane is less than the first
+# ratio of the smaller variance along it, and this is more than the second ratio of the larger one.
 _MAX_THICKNESS, _MIN_WIDTH = 0.15, 0.15
-_MIN_CELLS = 12  # chosen: fewer show no structure
+_MIN_CELLS = 12  # chosen: fewer planar cells do not show which direction is up
 _NUM_DIRECTIONS = 5000  # on the sphere, 3 degrees apart
-# Standard deviations: of normals of cells when directions are compared and when the best one is
-# refined; of the camera's roll; of its pitch, with the mean. Chosen: noise of depth tilts the
-# plane of a cell by some degrees; recordings by hand roll by up to 15 and pitch by -20 to 60.
+# Standard deviations: of the normals of cells while directions are compared, and while the best
+# one is refined; of the camera's roll; of its pitch. Then the mean pitch, downwards. Chosen: noise
+# of depth tilts the plane of a cell by some degrees; recordings by hand roll by up to 15 and pitch
+# by -20 to 60.
 _NORMAL_RAD, _REFINED_RAD = np.deg2rad(6.0), np.deg2rad(4.0)
 _ROLL_RAD, _PITCH_RAD, _DOWN_RAD = np.deg2rad(10.0), np.deg2rad(30.0), np.deg2rad(15.0)
-# Chosen: a pose of the camera that is one standard deviation off counts like a tenth of the
-# surfaces that are neither horizontal nor vertical.
+# Weight of the camera's poses. Chosen: poses that deviate by one standard deviation cost as much
+# as a tenth of the surfaces that are neither horizontal nor vertical.
 _PRIOR_WEIGHT = 0.1
 _NUM_REFINEMENTS = 10
 # Chosen: smallest ratio of the surfaces that must be horizontal or vertical. In clutter without
@@ -80,7 +82,7 @@ def find_upright(
 
 
 def _planes(points_m: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
-    """Return unit normals (M, 3) of planar cells of a cloud, and their ratios of the points (M,).
+    """Return unit normals (M, 3) of planar cells of a cloud, and the ratio (M,) of points in each.
 
     The sign of a normal is arbitrary. Excess points and cells are dropped at random.
     """
@@ -123,7 +125,7 @@ def _directions(count: int) -> FloatArray:
 
 
 def _agreement(up: FloatArray, normals: FloatArray, sigma_rad: float) -> FloatArray:
-    """Return how well surfaces (M) agree with directions (D, 3): (D, M), 1 for perfectly."""
+    """Return the agreement (D, M), from 0 to 1, of M surfaces with D directions up."""
     cosine = np.abs(up @ normals.T).clip(0.0, 1.0)
     from_vertical_rad = np.arcsin(cosine)  # of a wall: 0
     off_rad = np.minimum(from_vertical_rad, np.pi / 2 - from_vertical_rad)

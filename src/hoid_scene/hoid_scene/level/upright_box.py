@@ -8,19 +8,19 @@ import numpy as np
 
 from hoid_common.values import FloatArray
 
-_OUTER_RATIO = 0.02  # of the points on each side of each axis, which the box leaves out
+_OUTER_RATIO = 0.02  # ratio of the points on each side of each axis that the box leaves out
 _MAX_POINTS = 400  # chosen, to bound the time to compare headings
 # Headings that are compared: first 3 degrees apart, then 0.5 degrees apart around the best one.
 _COARSE_RAD = np.deg2rad(np.arange(0.0, 90.0, 3.0))
 _FINE_RAD = np.deg2rad(np.arange(-2.5, 3.0, 0.5))
-# A box along the walls is preferred if it fits at most so much worse than the best one. Chosen:
-# the noise of depth changes the footprint of a chair by as much.
+# A box along the walls is preferred if its misfit is at most this factor larger than that of the
+# best box. Chosen: the noise of depth changes the footprint of a chair by as much.
 _ALONG_WALLS = 1.1
-_MIN_SIDE_M = 0.02  # chosen: a screen is thicker; its noise must not decide its heading
+_MIN_SIDE_M = 0.02  # chosen: smallest side in the misfit, because of noise; a screen is thicker
 # Assumed thickness of an object whose back was never seen; its width if that is smaller (as in
 # `object_sighting`).
 _HIDDEN_M = 0.15
-_MAX_LIFT_M = 1.0  # chosen: lowest side of furniture above the floor on which it stands
+_MAX_LIFT_M = 1.0  # chosen: a box with a lowest side above this is not extended to the floor
 # The mean of the unit viewing directions of an object is long if all are alike: from this length
 # on, only one side of the object was seen.
 _ONE_SIDED = 0.9
@@ -39,7 +39,7 @@ class Level(NamedTuple):
 
 
 class UprightBox(NamedTuple):
-    """A box with two vertical sides, which `axes` turns about the vertical."""
+    """A box whose third axis points up."""
 
     axes: FloatArray  # (3, 3) unit vectors of its sides as columns; the third one points up
     low_m: FloatArray  # (3,) lowest corner along the axes
@@ -106,7 +106,7 @@ def extended_back(box: UprightBox, direction: FloatArray) -> UprightBox:
 
 
 def on_floor(box: UprightBox, height_m: float) -> UprightBox:
-    """Return the box of furniture, extended to the floor, because its legs are rarely seen.
+    """Return the box, extended to the floor `height_m` below its center: legs are rarely seen.
 
     A box whose lowest side is more than 1 m above the floor is returned unchanged.
     """
@@ -140,9 +140,9 @@ def _best(xy_m: FloatArray, headings_rad: FloatArray) -> float:
 def _misfits_m2(xy_m: FloatArray, headings_rad: FloatArray) -> FloatArray:
     """Return how badly rectangles with headings (H,) fit a footprint (N, 2).
 
-    It is their area, larger by up to a half the farther the points are from the nearest side. Area
-    alone cannot tell the sides of an L, which two visible sides of a thing are, from its diagonal
-    (Zhang et al., "Efficient L-Shape Fitting for Vehicle Detection", IV 2017).
+    The misfit is the area, increased by up to a half the farther the points are from the nearest
+    side. Area alone cannot tell the sides of an L (two visible sides of an object) from its
+    diagonal (Zhang et al., "Efficient L-Shape Fitting for Vehicle Detection", IV 2017).
     """
     cosine, sine = np.cos(headings_rad), np.sin(headings_rad)
     sides_m, gaps_m = [], []

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from hoid_common.values import NS_PER_S, ObjectState
 
-# Chosen: an object that was out of view for so long is noted when it is seen again.
+# Chosen: an object that is seen again after so long out of view gets an event.
 _AWAY_NS = 600 * NS_PER_S
 MAX_EVENTS = 100  # chosen: 16 kB; beyond it, the first and the newest events are kept
 

@@ -19,7 +19,7 @@ from hoid_scene.memory.history import EventKind, History, ObjectEvent, PresentSt
 
 MAX_JPEG_BYTES, MAX_SIDE_PX = 20_000, 320  # chosen: bounds of a picture
 _QUALITIES = (85, 60, 35)  # chosen: of the JPEG; the first one with which it is small enough
-_MARGIN = 0.1  # chosen: of the object's box on each side, which its picture shows as well
+_MARGIN = 0.1  # chosen: a picture shows this ratio of the box's size beyond each side
 # Chosen: a picture is replaced by one that is better by this factor, so that few are taken.
 _BETTER = 1.15
 _CUT = 0.5  # chosen: factor of the rank of a picture that the border of the image cuts
@@ -53,7 +53,7 @@ NO_MEMORIES: Mapping[int, MemoryState] = MappingProxyType({})
 
 
 class ObjectMemory:
-    """The memory of one object besides its surface.
+    """The colors, the best picture and the history of one object.
 
     Attributes:
         jpeg: The image of the object that shows it best, as JPEG of at most 20 kB; b'': none.
@@ -70,7 +70,7 @@ class ObjectMemory:
 
     @property
     def color_names(self) -> tuple[str, ...]:
-        """The colors of the object, the most frequent one first; () if none was measured."""
+        """Return the object's colors, the most frequent one first; () if none was measured."""
         if self._names is None:
             self._names = color_names(self._color_px)
         return self._names
@@ -85,12 +85,12 @@ class ObjectMemory:
             self._names = self._state = None
 
     def put_picture(self, crop_bgr: ByteArray, rank: float, stamp_ns: int) -> None:
-        """Keep a part (H, W, 3) of an image as the picture of the object."""
+        """Keep a part (H, W, 3) of an image as the picture of the object, with its rank."""
         self.jpeg, self._rank, self.picture_ns = _small_jpeg(crop_bgr), rank, stamp_ns
         self._state = None
 
     def note(self, present: PresentState, stamp_ns: int) -> None:
-        """Add the events to the history that the object's state after an image shows."""
+        """Add to the history the events that the object's state after an image shows."""
         if self.history.note(present, stamp_ns):
             self._state = None
 
@@ -172,8 +172,8 @@ def remember(
 def _rank(look: Look, people: Sequence[DynamicObject]) -> float:
     """Return how well an image shows an object.
 
-    It is the product of the score of its detection, the square root of its number of pixels, and
-    the share of its box that no person's box covers.
+    It is the product of the detection's score, the square root of the number of pixels, and the
+    ratio of the box that no person's box covers; half of this if the box is cut.
     """
     covered = max((_shared(look.detection, person) for person in people), default=0.0)
     size = float(np.sqrt(len(look.pixels))) * (_CUT if look.is_cut else 1.0)

@@ -16,23 +16,23 @@ from hoid_scene.objects.mapped_object import MappedObject
 from hoid_scene.objects.object_view import STRIDE, ObjectView
 from hoid_scene.objects.segmentation import KnownBox, Prior, Segment
 
-# Smallest score with which a pair is associated, if segment and object have the same class,
-# classes that detectors confuse, or other classes. From a trial on six rendered rooms, before this
-# code.
+# Smallest score of an associated pair: of the same class, of classes that detectors confuse, and
+# of other classes. From a trial on six rendered rooms, before this code was written.
 _SAME, _CONFUSABLE, _OTHER = 0.35, 0.5, 0.6
 # From this ratio of radii on, segment and object do not match if detectors do not confuse their
 # classes: a table is not the screen on it. Chosen; on `fr1_xyz`, a screen grew over the table on
 # which it stands.
 _SIZE_RATIO = 1.6
-_MARGIN_M = 0.04  # around the box of an object; not tuned
+_MARGIN_M = 0.04  # by which an object's box is enlarged on each side; not tuned
 # Smallest intersection over union of a detected box and the bounding box of an object's visible
 # voxels with which the box shows this object; not tuned.
 _OWN_OVERLAP = 0.3
-_LAST_PIXEL = np.array([0, 0, 1, 1])  # a bounding box of pixels ends after the last one
+_LAST_PIXEL = np.array([0, 0, 1, 1])  # added because a box of pixels ends after its last pixel
 # Share of a detected box's size by which, in addition to one strided pixel, its sides are
 # uncertain; not tuned.
 _MISS_MARGIN = 0.05
-# An image should show an object of which at least so much of the surface is visible; not tuned.
+# Smallest ratio of an object's surface that must be visible before the object is expected in an
+# image; not tuned.
 _EXPECTED_RATIO = 0.5
 
 
@@ -87,7 +87,7 @@ def prior_of(
     by_class: dict[str, list[int]] = {}
     for d, detection in enumerate(detections):
         by_class.setdefault(detection.class_name, []).append(d)
-    for item, visibility in zip(objects, seen, strict=True):  # some tens
+    for item, visibility in zip(objects, seen, strict=True):  # some tens of objects
         alike = by_class.get(item.class_name)
         if alike is None or not item.is_confirmed:
             continue
@@ -118,7 +118,7 @@ def associate(
 ) -> dict[int, int]:
     """Associate segments with objects; return the index of the object by that of the segment.
 
-    The score of a pair is the geometric mean of two shares: of the segment's points that are in
+    The score of a pair is the geometric mean of two ratios: of the segment's points that are in
     the box of the object, and of the object's visible voxels that are in the box of the detection.
     Pairs are chosen from the largest score down, so that each segment and each object is in at
     most one pair. Pairs below the smallest score for their classes are left out.
@@ -151,7 +151,7 @@ def _scores(
         np.cumsum([len(visibility.uv_px) for visibility in seen]),
         _may_touch(segments, objects),
     )
-    for s, o in np.argwhere(score > 0).tolist():  # some tens
+    for s, o in np.argwhere(score > 0).tolist():  # some tens of pairs
         name, item = segments[s].detection.class_name, objects[o]
         small, large = sorted((segments[s].radius_m(), item.surface.radius_m()))
         is_other_size = large > _SIZE_RATIO * small and not is_confusable(name, item.class_name)
@@ -182,7 +182,7 @@ def expected_boxes(
     bounds the visible voxels.
     """
     names, boxes, scores = [], [], []
-    for item, visibility in zip(objects, seen, strict=True):  # some tens
+    for item, visibility in zip(objects, seen, strict=True):  # some tens of objects
         is_known = item.is_confirmed and item.is_present
         if is_known and visibility.visible_ratio >= _EXPECTED_RATIO:
             names.append(item.class_name)

@@ -38,8 +38,8 @@ _MIN_ABSENT = 4
 _ADOPT_NS = 600 * NS_PER_S  # an object that has left its place for longer gets a new number
 # Largest ratio of the sizes of an old and a new object that may be the same object.
 _MAX_RATIO = 1.6
-# How long the places of people are remembered. An object that was not seen for longer may have
-# been moved while no camera was watching.
+# Time for which the places of people are remembered. An object that was not seen for longer may
+# have been moved while no camera was watching.
 _VISIT_NS = 60 * NS_PER_S
 _EARLY_NS = NS_PER_S  # a person may hide an object for so long before it leaves its place
 

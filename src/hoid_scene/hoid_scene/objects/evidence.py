@@ -11,16 +11,16 @@ import numpy as np
 
 from hoid_common.values import NS_PER_S, FloatArray
 
-# None of these numbers was tuned where no other source is named.
-# A sure object needs three sightings over 0.4 s, or five sightings.
+# Numbers without a source were not tuned. An object is certain (`is_sufficient`) only after three
+# sightings over 0.4 s, or five sightings.
 _MIN_SIGHTINGS, _MIN_AGE_NS, _AT_ONCE = 3, NS_PER_S * 2 // 5, 5
-# Chosen: an object is sure if all of its detections are wrong with at most this probability. The
-# score of an independent detection, up to _MAX_SCORE, is taken as the probability that it is
+# Chosen: an object is certain if all of its detections are wrong with at most this probability.
+# The score of an independent detection, up to _MAX_SCORE, is taken as the probability that it is
 # right. Most wrong objects on real clips have a larger probability of being wrong.
 _MAX_WRONG, _MAX_SCORE = 0.15, 0.95
 _MIN_SEEN_RATIO = 0.4  # least ratio of detections to looks that show its surface
-# An object with at least so many sightings is kept, but marked as gone, if it was not detected in
-# so many successive looks at its place and in more than half of all looks.
+# An object with at least this number of sightings is kept, but marked as gone, if it was not
+# detected in this number of successive looks at its place and in more than half of all looks.
 _MANY_SIGHTINGS, _MISSING_LOOKS = 6, 4
 # Effect of a look on the probability that the object is still there: gain towards 1 of a sighting,
 # relative loss by a missed detection and by a look that shows the place empty.
@@ -30,7 +30,8 @@ _SAME_VIEW = np.cos(np.deg2rad(10.0))  # chosen: 17 cm to the side at a distance
 # Chosen: an object that was detected within this time is probably still in view; a detection with
 # at most this weight changes little.
 _IN_VIEW_NS, _LEAST_WEIGHT = NS_PER_S // 2, 1 / 16
-_PER_VIEW, _MAX_VIEWS = 3, 64  # chosen: detections that count fully from a direction; bound
+# Chosen: detections that count fully from a direction; largest number of directions.
+_PER_VIEW, _MAX_VIEWS = 3, 64
 
 _CONFUSABLE_CLASSES = (
     frozenset({'chair', 'couch', 'bench', 'bed'}),
@@ -53,7 +54,7 @@ class Views:
     def __init__(self) -> None:
         self.directions: FloatArray = np.empty((0, 3))  # (V, 3) unit vectors, object frame
         self.counts: list[int] = []  # V numbers of detections
-        self.last_weight = 1.0  # of the last detection
+        self.last_weight = 1.0  # weight of the last detection
 
     def __len__(self) -> int:
         return len(self.counts)
@@ -157,10 +158,7 @@ class Evidence:
         self.probability += _SEEN_GAIN * (1 - self.probability)
 
     def note_missed(self) -> bool:
-        """Count a look that shows a surface at its place, but in which it was not detected.
-
-        Return whether it is missing.
-        """
+        """Count a look with a surface at its place, but no detection; return `is_missing`."""
         self.num_through = 0
         self.num_absent += 1
         self.probability *= 1 - _MISSED_LOSS

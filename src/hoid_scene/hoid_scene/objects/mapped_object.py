@@ -19,7 +19,7 @@ from hoid_scene.place import Place
 
 # Furniture, whose legs are rarely seen: its box is extended down to the floor.
 _STANDING = frozenset({'chair', 'couch', 'dining table', 'bed', 'bench'})
-# Smallest and largest diagonal [m] of the measured box of a sure object, by class. Chosen from
+# Smallest and largest diagonal [m] of the measured box of a certain object, by class. Chosen from
 # products on sale, with half of the object hidden; other classes have any size.
 _DIAGONALS_M = {
     'tv': (0.38, 1.65), 'laptop': (0.2, 0.6), 'keyboard': (0.2, 0.8), 'mouse': (0.05, 0.25),
@@ -40,7 +40,7 @@ _LIKELY = 0.5
 
 @dataclass(frozen=True, eq=False)
 class MapObject:
-    """The published value of an object of the map."""
+    """An object of the map as it is published."""
 
     object_id: int
     class_name: str  # the class with the largest sum of scores
@@ -64,7 +64,7 @@ class MapObject:
 
     @property
     def score(self) -> float:
-        """Mean score of the detections, in [0, 1]."""
+        """Return the mean score of the detections, in [0, 1]."""
         return sum(score for _, score in self.class_scores) / self.num_sightings
 
     @property
@@ -162,7 +162,7 @@ class MappedObject:
         self.left_as = state
 
     def note_state(self, stamp_ns: int) -> None:
-        """Add the events to the history that the state after an image shows."""
+        """Add to the history the events that the object's state after an image shows."""
         seen, before_m = self.evidence, self.moved_from_m
         moved_m = 0.0
         if before_m is not None and self.moved_ns != self.memory.history.moved_ns:
@@ -180,11 +180,7 @@ class MappedObject:
         self.memory.note(present, stamp_ns)
 
     def is_older_than(self, other: MappedObject) -> bool:
-        """Return whether this object is the older one.
-
-        Objects from a loaded map are older than all others; otherwise, the object that was seen
-        first is older.
-        """
+        """Return whether this object was seen first; loaded objects are older than all others."""
         age, other_age = ((not item.is_loaded, item.evidence.first_ns) for item in (self, other))
         return age < other_age
 
@@ -211,7 +207,7 @@ class MappedObject:
         self.memory.move_to(other.memory)
 
     def value(self, level: Level, floor: Floor | None, *, is_reused: bool = False) -> MapObject:
-        """Return the published value."""
+        """Return the object as it is published; furniture is extended down to `floor`."""
         evidence, T = self.evidence, self.surface.T_map_object
         floor = floor if self.class_name in _STANDING else None
         box, before_m = self.surface.upright_box(level, floor), self.moved_from_m

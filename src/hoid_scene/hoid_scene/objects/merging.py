@@ -13,8 +13,8 @@ from hoid_scene.objects.evidence import is_confusable
 from hoid_scene.objects.mapped_object import MappedObject
 from hoid_scene.objects.segmentation import BARE, BoxPx, Segment
 
-# None of these numbers was tuned where no other source is named.
-# Two boxes that share more than this ratio of the smaller one may show the same object.
+# Numbers without a source were not tuned. Two boxes that share more than this ratio of the smaller
+# one may show the same object.
 _DOUBLE_RATIO = 0.7
 _MARGIN_M = 0.04  # around the box of an object
 # Two objects of a class are the same if the box of each has more than this ratio of the other:

@@ -51,8 +51,8 @@ from hoid_scene.scene_scheduler import SceneRequest
 from hoid_scene.tracks.object_track import TrackedObject
 
 _RANGE_M = 7.0  # objects farther from the camera are ignored; chosen
-# None of these numbers was tuned where no other source is named.
-_VISIBLE_RATIO = 0.5  # of the solid voxels, from which on a missing detection counts
+# Numbers without a source were not tuned.
+_VISIBLE_RATIO = 0.5  # ratio of visible solid voxels from which on a missing detection counts
 # An image shows an object's place if depth is measured at or behind at least the first ratio of
 # its solid voxels, and shows it empty if depth is behind at least the second ratio of these. After
 # so many images in a row that show it empty, the object is gone.
@@ -249,7 +249,7 @@ class ObjectMap:
 
     @property
     def is_reused(self) -> bool:
-        """Whether a map of another session was loaded."""
+        """Return whether a map of another session was loaded."""
         return self._is_reused
 
     def join(self) -> None:
@@ -288,7 +288,7 @@ class ObjectMap:
         anchor: Anchor,
         stamp_ns: int,
     ) -> list[tuple[MappedObject, Segment]]:
-        """Add an object for each segment that shows no known object; return the pairs."""
+        """Add an object for each segment that shows no known object; return the pairs of both."""
         added = []
         for segment in segments:
             if segment.detection.is_dynamic or _is_claimed(segment, near):

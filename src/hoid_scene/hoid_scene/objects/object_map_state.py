@@ -24,14 +24,14 @@ from hoid_scene.objects.voxel_set import VoxelSet
 from hoid_scene.place import Place
 
 CLASS_BYTES = 64  # chosen: the longest name of COCO has 14
-# Columns with the same name in the parts of a `MappedObject`.
+# Columns named like attributes of a `MappedObject` and of its parts.
 _OF_OBJECT = ('object_id', 'left_ns', 'holder_id', 'moved_ns')
 _OF_EVIDENCE = (
     'num_sightings', 'num_visible', 'num_through', 'first_ns', 'last_ns', 'probability', 'weight',
 )  # fmt: skip
 _OF_SURFACE = ('num_looks', 'direction_m', 'distance_m')
 _OF_VOXELS = ('means_m', 'readings', 'hits', 'misses')
-# Columns with several rows for an object, by the column that has their number.
+# Columns with several rows for an object, by the column that counts these rows.
 _PARTS = {
     'num_classes': ('class_name', 'class_score'),
     'num_views': ('view', 'view_count'),
@@ -153,7 +153,7 @@ class ObjectMapState(Record):
             for name in names
         }
         out = []
-        for o in range(len(self)):  # some tens
+        for o in range(len(self)):  # some tens of objects
             uid = int(keyframe_uids[self.anchor[o]])
             place = Place.saved(self.T_anchor_object[o], uid, keyframes)
             if place is not None:

@@ -17,7 +17,7 @@ from hoid_scene.objects.segmentation import BoxPx, KnownBox, Segment
 from hoid_scene.objects.voxel_set import BITS, VoxelSet, trimmed_box
 from hoid_scene.place import Place
 
-# None of these numbers was tuned where no other source is named.
+# Numbers without a source were not tuned.
 _OUTER_RATIO = 0.02  # ratio of voxels on each side of each axis that the box leaves out
 _CELL_M = 0.05  # side of the cells of the surface of an object
 _CELL_SIGMAS = 2.0  # side of the cells in which hits are counted, in standard deviations of depth
@@ -119,7 +119,7 @@ class ObjectSurface:
         return int(np.count_nonzero(is_inside)) / max(len(points_map_m), 1)
 
     def pixels(self, view: ObjectView, box_px: BoxPx) -> IntArray:
-        """Return the flat strided pixels (M,) in a box that show the surface."""
+        """Return the flat indices (M,) of strided pixels in a box that show the surface."""
         return pixels_on_surface(view.depth_m, view.points_map_m, box_px, *self._solid_cells())
 
     def ratio_near(self, points_map_m: FloatArray) -> float:
@@ -165,7 +165,7 @@ class ObjectSurface:
         return np.asarray(T[:3, :3])
 
     def upright_box(self, level: Level, floor: Floor | None) -> UprightBox:
-        """Return the upright box in the object frame, with the back that was never seen."""
+        """Return the upright box, object frame, extended to the back that was never seen."""
         level = level.turned(self.T_map_object[:3, :3].T)
         known = self._upright
         is_known = known is not None and known.floor is floor

@@ -29,10 +29,11 @@ _MIN_RANGE_M, _MAX_RANGE_M = 0.3, 6.0  # farther away, the noise of depth hides 
 # deviations.
 _EDGE_SLOPE, _EDGE_NOISE = 0.04, 5.0
 _SCREENS = frozenset({'tv', 'laptop', 'cell phone'})
-# Chosen: a box shows a dark screen, which returns no depth, if it has at least this share of holes
-# and so many readings in this area around them. The readings of its frame are those of the nearest
-# layer of this thickness that has at least 0.6 times the readings of the fullest one, and those
-# within this distance, or one standard deviation of depth, of their plane.
+# Chosen: a box shows a dark screen if at least this ratio of its pixels has no depth (holes), and
+# at least so many readings are in this neighborhood of the holes. The readings of the screen's
+# frame are those in the nearest layer of depth, of so many bins of this thickness, with at least
+# 0.6 times the readings of the fullest layer, and those within this distance, or one standard
+# deviation of depth, of the plane through them.
 _SCREEN_HOLES, _FRAME_READINGS, _FRAME_AREA = 0.4, 30, np.ones((5, 5), np.uint8)
 _FRAME_BIN_M, _FRAME_BINS, _FRAME_NEARER = 0.05, 3, 0.6
 _FRAME_M = 0.03
@@ -160,10 +161,7 @@ class ObjectCamera:
 
 
 def edge_m(depth_m: Float32Array) -> Float32Array:
-    """Return the depth difference [m] of neighboring pixels from which on there is an edge.
-
-    It grows with the depth, and has the shape of `depth_m`.
-    """
+    """Return the depth step (h, w) [m] from which on there is an edge between two pixels."""
     return _EDGE_SLOPE * depth_m + _EDGE_NOISE * NOISE_PER_M2 * depth_m * depth_m
 
 

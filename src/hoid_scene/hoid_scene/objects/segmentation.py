@@ -20,8 +20,9 @@ from hoid_common.values import PERSON, BoolArray, DynamicObject, Float32Array, F
 from hoid_native import object_surfaces
 from hoid_scene.objects.object_view import ObjectView, edge_m
 
-# Not tuned. A part of a segment goes on beyond its box if it has so many pixels, and this ratio of
-# those in the box, in the outer part of a margin around it: detected boxes are a few pixels off.
+# Not tuned: a part of a segment continues beyond its box if it has at least so many pixels, and at
+# least this ratio of its pixels in the box, in the outer ring of a margin around the box: detected
+# boxes are a few pixels off.
 _MARGIN_PX, _INNER_MARGIN_PX, _MIN_BEYOND, _BEYOND_RATIO = 4, 1, 6, 0.1
 
 # Classes without planar parts: a plane that continues around the box is the wall or the floor
@@ -81,11 +82,11 @@ class Segment(NamedTuple):
 def segment_all(
     detections: Sequence[DynamicObject], view: ObjectView, prior: Prior
 ) -> list[Segment]:
-    """Return the segments of the detected objects that have enough readings, without people.
+    """Return the segments of detected objects, except people, that have enough depth readings.
 
     Surface in two boxes belongs to the box that it fills better, or to the smaller box if it fills
-    both. The other object is segmented again from the
-    remaining pixels, and left out if they are too few; a person keeps its pixels.
+    both. The other object is segmented again from the remaining pixels, and left out if they are
+    too few; a person keeps its pixels.
     """
     boxes = [view.pixels_of(item.box_xyxy_px) for item in detections]
     sides = np.array([item.box_xyxy_px for item in detections], np.float64).reshape(-1, 4)
@@ -177,6 +178,6 @@ def _known_boxes(
     """
     T_box_map = np.zeros((num, 4, 4))
     low_m, high_m = np.ones((num, 3)), np.zeros((num, 3))
-    for d, box in known.items():  # a handful
+    for d, box in known.items():  # few boxes
         T_box_map[d], low_m[d], high_m[d] = box
     return T_box_map, low_m, high_m

@@ -14,7 +14,7 @@ from hoid_native import merged_voxels, solid_voxels, voxel_keys, voxels_of
 from hoid_native.results import Voxels
 
 VOXEL_M = 0.025  # side of a voxel, as in the dense map
-BITS = 10  # of the voxel's number along each axis in a key: 1024 voxels, +-12.8 m
+BITS = 10  # bits of a key per axis: 1024 voxels, +-12.8 m
 NUM_KEYS = 1 << (3 * BITS)
 _MAX_VOXELS = 6000  # chosen: a couch has 5000; 140 kB
 _MAX_COUNT = 60.0  # chosen: largest sum of hits and misses, so that a change takes effect soon
@@ -66,7 +66,7 @@ class VoxelSet:
         self.misses[rows] += 1
 
     def solid(self, num_looks: int, cell_m: float) -> BoolArray:
-        """Return the (N,) mask of the voxels that belong to the object."""
+        """Return the (N,) mask of the object's voxels, with hits counted in cells of `cell_m`."""
         least = min(_SOLID_HITS, math.ceil(num_looks / 3))
         cells_m = cell_m if cell_m > VOXEL_M else None
         return solid_voxels(self.arrays(), least, _SOLID_SHARE, cells_m, BITS)
@@ -96,7 +96,7 @@ class VoxelSet:
 
 
 def trimmed_box(points_m: FloatArray, outer: float) -> tuple[FloatArray, FloatArray]:
-    """Return the corners (3,) of points (N, 3) without a ratio of the outermost ones."""
+    """Return the two corners (3,) of points (N, 3), without the ratio `outer` on each side."""
     last = len(points_m) - 1
     ends = [round(outer * last), round((1 - outer) * last)]
     low, high = np.partition(points_m, ends, axis=0)[ends]

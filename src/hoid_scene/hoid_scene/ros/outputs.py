@@ -40,7 +40,7 @@ from hoid_scene.tracks.object_track import TrackedObject
 
 
 class OutputTopic(NamedTuple):
-    """A topic, and the function that makes its message or the bytes of its serialized message.
+    """A topic, and the function that returns its message or the bytes of the serialized message.
 
     The function returns None if nothing is to be published.
     """
@@ -88,8 +88,8 @@ EXPECTED_OUTPUT = OutputTopic(
 )
 # `to_msg` is called with (maps: SceneMaps) once per `dense.publish_period_s`, or when subscribers
 # join or leave, if the maps have changed and a topic of the table has subscribers. The cloud and
-# its labels are made only if they have subscribers themselves; all other messages are made if any
-# of the others has some. After each publication, a pause keeps time for images.
+# its labels are computed only if they have subscribers themselves; all other messages are computed
+# if any of them has subscribers. After each publication, a pause keeps time for images.
 MAP_OUTPUTS = (
     OutputTopic(topics.CLOUD_MAP, PointCloud2, qos.LATCHED, map_messages.serialized_cloud),
     OutputTopic(topics.CLOUD_LABELS, LabelInfo, qos.LATCHED, map_messages.labels_to_msg),
@@ -167,7 +167,7 @@ class SceneOutputs:
         # Topics of `MAP_OUTPUTS` and of `OBJECT_MAP_OUTPUTS` whose last message is not up to date.
         self._outdated: set[str] = set()
         self._outdated_objects: set[str] = set()
-        self._has_published = False  # since the scene was discarded last
+        self._has_published = False  # whether anything was published since the scene was discarded
         self._masks: dict[str, Mask] = {}  # last published masks, by topic
 
     def set_level(self, *, is_map_level: bool) -> None:

@@ -1,4 +1,4 @@
-"""The images for the scene: their poses, depth, color and objects, which arrive separately."""
+"""Joins the messages of an image for the scene: pose, depth, color and objects."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ from hoid_scene.scene_scheduler import SceneRequest, SceneScheduler
 # Largest difference of the stamps of messages that belong to one image. Chosen: those of depth and
 # color of one image differ less, and those of two images at 30 Hz more.
 _SLOP_NS = 20_000_000
-_PATIENCE_NS = 1_000_000_000  # chosen: how long an image waits for the verdict on its objects
+_PATIENCE_NS = 1_000_000_000  # chosen: how long an image waits for the final states of its objects
 _CAPACITY = 60  # chosen: messages of a kind that wait for the others of an image; 2 s at 30 Hz
-# A pose has the stamp of its color image. With `sync_slop_s` of the filter up to 20 ms, an image
-# has a pose only if the stamps of depth and color fit, so that a gap means late poses. With a
-# larger one, the stamps themselves may differ too much.
+# A pose has the stamp of its color image. With `sync_slop_s` of the filter up to 20 ms, the stamps
+# of depth and color always fit if an image has a pose, so that missing images mean late poses.
+# With a larger value, these stamps may differ too much.
 _LATE_POSES = (
     'the dense map and the tracks get no images: poses arrive too long after their depth images. '
     'Reduce the load of the computer. If it is low, the stamps of depth and color differ by more '
@@ -74,7 +74,7 @@ class SceneImages:
     ) -> None:
         self._units_per_m = config.input.depth_units_per_m
         self._keyframes, self._on_image, self._diagnostics = keyframes, on_image, diagnostics
-        self._camera: CameraModel | None = None  # camera of the scene
+        self._camera: CameraModel | None = None  # camera of the tracked images; None: unknown
         self.reconfigure(config)
         self._early: deque[TrackedImage] = deque(maxlen=_CAPACITY)  # images with unknown keyframes
         self._matcher = StampMatcher(
@@ -124,7 +124,7 @@ class SceneImages:
             self._add('pose', image.stamp_ns, _Picked(msg, request))
 
     def _on_objects(self, msg: DynamicObjectArray) -> None:
-        """Add the objects of an image if their verdicts are final: the maps can wait for these."""
+        """Add the objects of an image if their states are final; the maps can wait for these."""
         if not msg.provisional:
             self._add('objects', conversions.stamp_from_msg(msg.header.stamp), msg)
 

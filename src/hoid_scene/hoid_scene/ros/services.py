@@ -67,7 +67,7 @@ class SceneServices:
         return f'{width}x{height} cells written to {stem}.yaml and its picture'
 
     def _dense(self, request: SaveMap.Request, kind: FileKind) -> tuple[SceneMapper, Path]:
-        """Return the scene, which has a dense map, and the path of a file."""
+        """Return the scene mapper and the path of a file; InputError without a dense map."""
         path = path_in(self._config.map_directory, request.name, kind)
         if not self._config.dense.enabled:
             raise InputError('the dense map is off here: dense.enabled is false')
@@ -91,7 +91,7 @@ class SceneServices:
         self._require_object_map()
         mapper = self._session.mapper
         every = () if mapper is None else mapper.mapped_objects(tentative=True)
-        # Most requests need no rooms, for which a large map takes a second.
+        # Rooms are computed only if needed, which takes a second in a large map.
         rooms = cache(lambda: None if mapper is None else mapper.rooms(every))
         found = find(every, query, lambda item: room_name(item, rooms()))
         response.header = conversions.header_to_msg(self._session.stamp_ns, self._outputs.frame)

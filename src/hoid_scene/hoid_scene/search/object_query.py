@@ -149,7 +149,7 @@ def _is_at(
     objects: Sequence[MapObject],
     room_of: Callable[[MapObject], str] | None,
 ) -> bool:
-    """Return whether an object has a relation to a present object, or is in a room."""
+    """Return whether an object has a relation to an object, or is in a room, that words name."""
     meant = Description.of(words)
     others = [
         other for other in objects if other.is_present and _is_described(other, meant, (), None)

@@ -10,7 +10,7 @@ import numpy as np
 from hoid_common.values import ByteArray
 from hoid_scene.objects.mapped_object import MapObject
 
-_TILE_PX, _TEXT_PX, _MARGIN_PX, _COLUMNS = 150, 22, 6, 5  # chosen
+_TILE_PX, _TEXT_PX, _MARGIN_PX, _COLUMNS = 150, 22, 6, 5  # chosen: layout of the sheet
 _FONT, _FONT_SCALE, _TEXT_BGR = cv2.FONT_HERSHEY_SIMPLEX, 0.45, (40, 40, 40)
 
 

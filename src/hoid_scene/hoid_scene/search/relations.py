@@ -21,8 +21,9 @@ class Relation(Enum):
     NEXT_TO = 'next to'
 
 
-# Chosen. Boxes are right to a few centimeters: an object lies on another one if their surfaces are
-# no farther apart than this, and beside it if this far outside of its footprint.
+# Chosen, because boxes are accurate to a few centimeters: an object lies on another one if their
+# surfaces are at most this far apart, and beside it if its center is more than this outside of the
+# footprint.
 _TOUCH_M, _MARGIN_M = 0.12, 0.05
 _NEAR_M = 0.6  # chosen: gap between the boxes of things that stand next to each other
 # Furniture with a back: the height of its seat as a share of the height of its box. Things on the
@@ -107,21 +108,21 @@ def described(item: MapObject, objects: Sequence[MapObject]) -> tuple[str, ...]:
 
 
 def _heights_m(item: MapObject) -> tuple[float, float]:
-    """Return the heights of the lowest and the highest point of a box along its own vertical."""
+    """Return the lowest and the highest coordinate [m] of a box along its own vertical."""
     up = item.T_map_object[:3, 2]
     center_m, half_m = float(up @ item.center_map_m), float(item.size_m[2]) / 2
     return center_m - half_m, center_m + half_m
 
 
 def _gap_m(point_map_m: FloatArray, other: MapObject) -> float:
-    """Return the horizontal distance of a point (3,) from a box; 0 above, below or in it."""
+    """Return the horizontal distance [m] of a point (3,) from a box; 0 above, below or in it."""
     local_m = se3.transform(se3.inverse(other.T_map_object), point_map_m[None])[0]
     outside_m = np.maximum(np.abs(local_m[:2]) - other.size_m[:2] / 2, 0)
     return float(np.linalg.norm(outside_m))
 
 
 def _between_m(item: MapObject, other: MapObject) -> float:
-    """Return the horizontal gap between two boxes, from the corners and the center of each."""
+    """Return the horizontal gap [m] between two boxes, from the corners and the center of each."""
     signs = np.array([[1, 1, 0], [1, -1, 0], [-1, 1, 0], [-1, -1, 0], [0, 0, 0]])
     gaps = []
     for first, second in ((item, other), (other, item)):

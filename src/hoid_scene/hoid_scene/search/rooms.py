@@ -20,15 +20,15 @@ from hoid_scene.grid.grid import UNKNOWN, Grid
 from hoid_scene.objects.mapped_object import MapObject
 
 # Chosen, none is tuned. Heights between which a wall is searched for: above furniture and below
-# the lintels of doors. A cell has a wall from so many voxels there on.
+# the lintels of doors. A cell with at least so many voxels between them has a wall.
 _WALL_LOW_M, _WALL_HIGH_M, _WALL_VOXELS = 1.3, 1.9, 4
 # Widths up to which gaps in walls, and holes in the known space that furniture hides, are closed.
-# With 1.0, a rendered floor has its six rooms and one corridor, and two rooms are one room each;
-# with 0.2, the floor has 10.
+# If holes up to 1.0 m are closed, a rendered floor has its six rooms and one corridor, and each of
+# two other rooms is one room; with 0.2 m, the floor has 10 rooms.
 _GAP_M, _HOLE_M = 0.2, 1.0
 _DOOR_M = 1.15  # passages up to this width divide rooms
 _MIN_AREA_M2 = 2.0  # smaller parts are added to the adjacent room
-_CORRIDOR_RATIO = 3.0  # of length and width, from which on a room without a use is a corridor
+_CORRIDOR_RATIO = 3.0  # ratio of length to width from which on a room without a use is a corridor
 # What a room is used for, by the classes of the things in it; the first use that fits counts.
 _USES = (
     ('bathroom', frozenset({'toilet'})),
@@ -137,8 +137,9 @@ def _divided(is_open: BoolArray, resolution_m: float) -> NDArray[np.int32]:
     distance_m = resolution_m * cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     num, cores = cv2.connectedComponents((distance_m > _DOOR_M / 2).astype(np.uint8))
     labels = np.where(padded > 0, cores, num).astype(np.int32)  # walls are a part as well
-    # The open space is flat, so that all parts grow at one speed, in place, and walls last. With
-    # the distance as height, which is usual, strips along the walls of a room fall to another one.
+    # All open space has height 0, so that all parts grow at the same speed, and walls are flooded
+    # last. If the distance were the height, as is usual, strips along the walls of a room would be
+    # assigned to another room.
     height = np.where(padded > 0, 0, 255).astype(np.uint8)
     cv2.watershed(cv2.merge([height] * 3), labels)
     labels[(labels == num) | (padded == 0) | (labels < 0)] = 0

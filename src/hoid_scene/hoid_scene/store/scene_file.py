@@ -46,7 +46,7 @@ class SavedScene(NamedTuple):
         return text if self.objects is None else f'{text}, {counted(len(self.objects), "object")}'
 
     def renamed(self, uids: IntArray, new_uids: IntArray) -> SavedScene:
-        """Return the scene with other uids of the keyframes."""
+        """Return the scene with anchors changed from `uids` to `new_uids`, both (K,)."""
         dense, objects = self.dense, self.objects
         if dense is not None:
             dense = dense.with_anchors(_renamed(dense.anchor, uids, new_uids))
@@ -90,7 +90,7 @@ def exported_objects(objects: ObjectMap | None, keyframe_uids: IntArray) -> Save
 
 
 def load(mapper: SceneMapper, scene: SavedScene) -> None:
-    """Add a scene to a mapper that has its keyframes."""
+    """Add a scene to a mapper that already has the poses of its anchor keyframes."""
     mapper.correct(mapper.dense.keyframes)
     if scene.objects is not None and mapper.object_map is not None:
         anchors = uids_as_rows(scene.objects.anchor)

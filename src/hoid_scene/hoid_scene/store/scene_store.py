@@ -46,7 +46,7 @@ class SceneStore:
         self._lock = OwnerLock(path.with_suffix('.lock'), owner)
         self._database: Database | None = None
         self.session: StoredSession | None = None
-        # As stored by this process; None: the store may contain others.
+        # Memories that this process has stored; None: the store may contain others.
         self._memories: Mapping[int, MemoryState] | None = None
         if path.exists():
             self._reopen()

@@ -103,7 +103,7 @@ class DepthImage:
     def readings(
         self, box_xyxy_px: tuple[float, ...], cut: float
     ) -> tuple[Float32Array, Float32Array]:
-        """Return the (M,) depths [m] and (M, 2) pixels u, v of the readings in a box."""
+        """Return depths (M,) [m] and pixels (M, 2) u, v in a box, cut by a ratio on each side."""
         x1, y1, x2, y2 = box_xyxy_px
         dx, dy = cut * (x2 - x1), cut * (y2 - y1)
         left, right = max(0, int((x1 + dx) / _STRIDE)), int(np.ceil((x2 - dx) / _STRIDE))
