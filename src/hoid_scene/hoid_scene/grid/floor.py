@@ -76,7 +76,7 @@ def find_floor(
     that tilt by more than 20 degrees, narrow strips and planes with few points are no floor.
 
     Args:
-        is_up_exact: Whether `up` (3,) is the exact normal of the floor; only its height is then unknown.
+        is_up_exact: Whether `up` is the normal of the floor, whose height alone is unknown.
     """
     rng = np.random.default_rng(seed)
     if len(points_m) > _MAX_POINTS:

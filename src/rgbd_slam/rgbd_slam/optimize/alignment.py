@@ -22,9 +22,8 @@ _SAMPLE = 3  # least number of points that determine a pose (Horn 1987)
 _NUM_HYPOTHESES = 200
 # Largest reprojection error of an inlier in octave 0. Not tuned; the 95 % limit of chi-square is
 # 2.4 px for a noise of 1 px.
-_MAX_ERROR_PX = 4.0  # reprojection error of an inlier in octave 0
-# Least number of matches that agree with a pose; not tuned.
-_MIN_INLIERS = 15
+_MAX_ERROR_PX = 4.0
+_MIN_INLIERS = 15  # least number of matches that agree with a pose; not tuned
 _NUM_REFINED = 5  # number of hypotheses that are refined: those with most inliers
 _NUM_REFINEMENTS = 4  # number of iterations of a refinement
 

@@ -22,10 +22,10 @@ from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.optimize.bundle_adjustment import BundleProblem, BundleSolution
 from rgbd_slam.optimize.pose_optimizer import PoseProblem
 
-# Least number of observations for a measured noise; not tuned.
+# Ratio of the standard deviation to the median absolute value of a normal distribution: 1 /
+# 0.6745.
 _SIGMA_PER_MEDIAN = 1.4826
-# Not tuned.
-_MIN_OBSERVATIONS = 500
+_MIN_OBSERVATIONS = 500  # least number of observations for a measured noise; not tuned
 # A point with fewer observations adapts to them, so that their residuals are too small.
 _MIN_OBSERVERS = 4
 _FACTOR_RANGE = (0.1, 10.0)  # limits of the measured noise, as ratios to the configured one
