@@ -104,7 +104,7 @@ def _poses(truth: Trajectory | None) -> Iterator[tuple[str, str, int, _Stream]]:
 def _samples(
     gyro: NumberTable | None, accelerometer: NumberTable | None
 ) -> Iterator[tuple[str, str, int, _Stream]]:
-    """Yield a stream for each sensor that the recording has."""
+    """Yield topic, type, number of messages and stream of each IMU sensor in the recording."""
     for topic, table in ((topics.ACCELEROMETER, accelerometer), (topics.IMU, gyro)):
         if table is not None:
             yield topic, IMU, len(table.stamps_ns), _sensor(topic, table)

@@ -22,7 +22,8 @@ _MAX_FILE_BYTES = 256_000_000  # chosen: over twice the largest image, which has
 
 # Last bytes of both formats (PNG specification, 5.2; ITU-T T.81, B.1.1.3).
 _PNG_END, _JPEG_END = b'IEND\xaeB`\x82', b'\xff\xd9'
-# Programs append bytes after the end. Chosen: a few for PNG, a block of metadata for JPEG.
+# Largest number of bytes after the end, where programs append some. Chosen: a few for PNG, a block
+# of metadata for JPEG.
 _PNG_TAIL_BYTES, _JPEG_TAIL_BYTES = 64, 1024
 
 

@@ -20,8 +20,8 @@ from hoid_common.io.tum_text import NumberTable, read_numbers, read_rows
 from hoid_common.io.untrusted import read_text
 from hoid_common.messages import ImuSample, imu_from_msg
 
-# Chosen: unless names show which sensor it is, a sensor whose median vector has a length between
-# these is an accelerometer [m/s^2], and any other is a gyro. No camera turns at 7 rad/s for a
+# Chosen: unless names show which sensor it is, a sensor is an accelerometer if the length of its
+# median vector is between these [m/s^2], and a gyro otherwise. No camera turns at 7 rad/s for a
 # whole recording.
 _GRAVITY_MPS2 = 7.0, 12.0
 _ACCELEROMETER_WORDS = ('accel', 'ax ay az')

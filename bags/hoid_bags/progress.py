@@ -11,7 +11,7 @@ from tqdm import tqdm
 
 from hoid_common.process.signals import signal_handlers_deferred
 
-_TERMINAL_S, _LOG_S = 0.1, 10.0  # chosen: periods of updates
+_TERMINAL_S, _LOG_S = 0.1, 10.0  # chosen: periods of updates on a terminal and in a log
 
 
 def progress(items: Iterable[Any] | None, total: int, unit: str, *, show: bool = True) -> Any:

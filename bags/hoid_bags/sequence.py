@@ -1,4 +1,4 @@
-"""RGB-D recordings of any kind behind one interface."""
+"""The interface that RGB-D recordings of all kinds have, and the function that opens them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Conversion of the suite's values to messages of a bag, and of some messages back."""
+"""Conversion of images, cameras, poses and IMU samples to messages of a bag, and back."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ WORLD_FRAME = 'world'
 
 
 def image(stamp_ns: int, pixels: NDArray[Any], encoding: str) -> Message:
-    """Return the sensor_msgs/Image of (H, W) or (H, W, 3) pixels, in the frame of the camera.
+    """Return the sensor_msgs/Image of pixels (H, W) or (H, W, 3), in the frame of the camera.
 
     `encoding` is the field of the message, such as 'bgr8'. It is not checked against the pixels.
     """
@@ -74,7 +74,7 @@ def camera_info(stamp_ns: int, camera: CameraModel) -> Message:
 
 
 def pose_stamped(stamp_ns: int, T_world_camera: FloatArray) -> Message:
-    """Return the geometry_msgs/PoseStamped of the (4, 4) pose of the camera in the world."""
+    """Return the geometry_msgs/PoseStamped of the camera's pose (4, 4) in the world frame."""
     rotation = se3.quat_xyzw_from_rotation(T_world_camera[:3, :3])
     pose = new_message(
         'geometry_msgs/msg/Pose',

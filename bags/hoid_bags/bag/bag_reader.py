@@ -25,7 +25,8 @@ from hoid_common.values import NS_PER_S
 
 _STORAGE_SUFFIXES = ('.mcap', '.db3', f'.mcap{SUFFIX}', f'.db3{SUFFIX}')
 _File = McapFile | SqliteFile | Ros1File
-_FIRST_WINDOW_NS = NS_PER_S  # chosen: contains the last message of most topics
+# Chosen: time at the end of a bag that has the last message of most topics.
+_FIRST_WINDOW_NS = NS_PER_S
 
 
 def is_bag(path: Path) -> bool:

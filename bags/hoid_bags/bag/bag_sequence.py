@@ -167,10 +167,10 @@ class _Index:
         self.cameras = CameraInfoCheck(
             'give the camera with --calibration, or split the recording'
         )
-        self._reported: set[str] = set()  # kinds of problems of the camera that were logged
+        self._reported: set[str] = set()  # kinds of camera problems that were already logged
         self._found = found
         self.aligner = DepthAligner(_REGISTER)
-        self._frame_of: dict[str, str] = {}  # by image topic
+        self._frame_of: dict[str, str] = {}  # name of the frame by image topic
         self._T_color_depth: FloatArray | None = None
         self._images: dict[str, list[tuple[int, int]]] = {  # log times and stamps
             found.color.name: [],

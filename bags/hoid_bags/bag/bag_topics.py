@@ -1,6 +1,6 @@
 """Choice of the topics of a bag: those of an RGB-D recording, or those that a user names.
 
-`ros2 bag record -a` leaves every topic of a driver: each image in several encodings, infrared and
+`ros2 bag record -a` records every topic of a driver: each image in several encodings, infrared and
 unregistered depth beside the usable images, and images that other nodes draw.
 """
 
@@ -23,8 +23,8 @@ _LOG = logging.getLogger(__name__)
 _IMAGES = (types.IMAGE, types.COMPRESSED_IMAGE)
 _COLOR_WORDS = ('rgb', 'color', 'colour')
 _REGISTERED_WORDS = ('aligned', 'registered', 'to_color', 'to_rgb')
-# Parts of the names of topics whose images are no color images of the scene, or into which
-# something is drawn.
+# Parts of the names of topics that have no color images of the scene, or images into which
+# something was drawn.
 _OTHER_COLOR_WORDS = (
     'infra', '/ir', 'mono', 'fisheye', 'depth', 'disparity', 'confidence', 'debug', 'overlay',
     'mask', 'detection', 'annotated', 'result',

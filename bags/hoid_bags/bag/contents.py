@@ -35,14 +35,14 @@ class BagTopic(NamedTuple):
     is_readable: bool = True  # False: ROS 2 lacks the type of a topic of a ROS 1 bag
     source: str = ''  # topic whose messages contain this one, as a video contains images
     is_video: bool = False  # whether `source` is a video
-    video_px: tuple[int, int] | None = None  # size of its images, as far as it is known
+    video_px: tuple[int, int] | None = None  # width and height of its images; None: unknown
 
 
 class BagMessage(NamedTuple):
     """One message, still serialized."""
 
     topic: str
-    log_ns: int  # time at which it was recorded
+    log_ns: int  # time (ns) at which it was recorded
     data: bytes  # serialized message (CDR)
 
 

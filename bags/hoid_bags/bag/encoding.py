@@ -31,7 +31,7 @@ _MAX_MM = np.iinfo(np.uint16).max
 class Encoding(NamedTuple):
     """How images are stored in a bag."""
 
-    topic: str  # by the convention of image_transport
+    topic: str  # name of the topic by the convention of image_transport
     type_name: str
     message: Callable[[ListedImage], Message]
 

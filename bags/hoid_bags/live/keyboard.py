@@ -11,7 +11,7 @@ from typing import Self
 
 PAUSE_KEY = ' '
 
-_MAX_BYTES = 64  # chosen: bytes to read at once
+_MAX_BYTES = 64  # chosen: largest number of bytes read at once
 
 
 class KeyPresses:

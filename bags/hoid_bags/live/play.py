@@ -37,7 +37,8 @@ _TICK_S = 0.01  # chosen: period in which the keyboard and, in lockstep, odometr
 # Time between two /clock messages, in real time. Chosen: each of these messages wakes every node
 # on simulated time (decision 018).
 _CLOCK_PERIOD_S = 0.02
-_SETTLE_S = 0.3  # chosen: a subscriber needs up to this long from matching to receiving
+# Chosen: after it is matched, a subscriber needs up to this long to receive messages.
+_SETTLE_S = 0.3
 _SETTLE_LOCKSTEP_S = 1.0  # chosen: longer, because a lost frame would never be answered
 _ACK_LIMIT = Duration(seconds=2)  # chosen: longest wait for the last messages to be received
 _BAR = '{l_bar}{bar}| {n:.1f}/{total_fmt} s [{elapsed}] {postfix}'

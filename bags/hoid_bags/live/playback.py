@@ -40,7 +40,7 @@ class ScheduledMessage(NamedTuple):
 
     topic: str  # name in the bag
     time_ns: int  # time on the clock of the playback
-    offset_ns: int  # time that is added to the times and stamps of the bag in this round
+    offset_ns: int  # time that is added to all stamps of the bag in this repetition
     data: bytes  # serialized message (CDR)
 
 

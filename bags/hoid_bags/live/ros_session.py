@@ -19,7 +19,7 @@ from hoid_common.process.shared_memory import restrict_segments, shared_memory_p
 from hoid_common.process.signals import interrupt_on_termination
 from hoid_common.ros.run import limit_exit_time
 
-_DEFAULT_DEPTH = 10  # queue length for a topic whose profile in the bag has none; rclpy's default
+_DEFAULT_DEPTH = 10  # queue length if the profile of a topic in the bag has none; rclpy's default
 _SHARED_TOPICS = (topics.CLOCK, topics.DIAGNOSTICS)
 
 

@@ -36,7 +36,7 @@ EXTRINSICS = 'realsense2_camera_msgs/msg/Extrinsics'
 RGBD = 'realsense2_camera_msgs/msg/RGBD'
 FFMPEG_PACKET = 'ffmpeg_image_transport_msgs/msg/FFMPEGPacket'
 COMPRESSED_VIDEO = 'foxglove_msgs/msg/CompressedVideo'
-# Types of drivers whose packages need not be installed, by their fields.
+# Definitions of message types of drivers, whose packages need not be installed then.
 _FOREIGN = {
     EXTRINSICS: 'float64[9] rotation\nfloat64[3] translation',
     RGBD: (

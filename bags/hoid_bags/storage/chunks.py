@@ -60,7 +60,7 @@ class ChunkMessage(NamedTuple):
 
 
 class DamagedChunk(NamedTuple):
-    """A chunk that cannot be read."""
+    """A chunk of an MCAP file that cannot be read."""
 
     path: Path
     offset: int  # position in the file

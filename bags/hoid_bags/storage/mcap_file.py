@@ -135,7 +135,7 @@ class McapFile(McapReader):
         return unpack(found.data, compression, size, found.uncompressed_crc)
 
     def _unchunked(self, by_id: dict[int, Connection]) -> Iterator[_Item]:
-        with suppress(*DAMAGE):  # where the file was cut off
+        with suppress(*DAMAGE):  # Ends where the file was cut off.
             for record, _ in self._records():
                 if isinstance(record, Message) and record.channel_id in by_id:
                     yield _Item(record.log_time, by_id[record.channel_id], record.data)
@@ -179,7 +179,7 @@ class McapFile(McapReader):
         self.bio = self._path.open('rb')
         self.is_cut_off = True
         scan = _Scan()
-        with suppress(*DAMAGE):  # where the file ends, or contains no records any more
+        with suppress(*DAMAGE):  # ends at the end of the file, or where it has no records any more
             for record, end in self._records():
                 scan.add(record, end)
                 if isinstance(record, DataEnd):

@@ -17,7 +17,7 @@ SUFFIX: Final = '.zstd'
 # Chosen: a file is refused if it unpacks to more than _SMALL_BYTES plus this multiple of its size.
 # Raw images of a static scene reach a ratio of 10.
 _MAX_RATIO = 100
-_SMALL_BYTES = 1 << 26  # chosen: small enough to be unpacked at any ratio
+_SMALL_BYTES = 1 << 26  # chosen: files up to this size are unpacked at any ratio
 _BLOCK_BYTES = 1 << 20  # chosen: memory for one block
 
 

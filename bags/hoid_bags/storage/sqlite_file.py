@@ -1,4 +1,4 @@
-"""SQLite files of bags, also with incomplete QoS profiles."""
+"""Reads SQLite files of bags, including those with incomplete QoS profiles."""
 
 from __future__ import annotations
 

@@ -99,7 +99,7 @@ class VideoDecoder:
                 image_bgr = np.ascontiguousarray(frame.to_ndarray(format='bgr24'))
                 yield packet, log_ns, image_bgr
         for pts in [pts for pts in self._fed if pts < self._next_pts - _MAX_DELAY]:
-            del self._fed[pts]  # it gave no image
+            del self._fed[pts]  # the decoder returned no image for it
 
 
 class VideoFile:

@@ -29,7 +29,7 @@ Converter = Callable[[bytes], 'bytes | memoryview']
 
 
 class ViewerTopic(NamedTuple):
-    """A topic of librealsense, as a ROS driver would publish it."""
+    """The topic of a ROS driver that corresponds to a topic of librealsense."""
 
     name: str
     type_name: str

@@ -15,10 +15,10 @@ MAX_PAIR_GAP_NS = 20_000_000
 """Limit for the difference of the stamps of a pair: the default of the TUM benchmark's tool
 `associate.py`. Images of one stream are 33 ms apart.
 """
-# Largest mean number of images of the other stream with which an image could be paired; with more,
-# the stamps are refused. Chosen: a 60 Hz camera has two or three.
+# Stamps are refused if an image could be paired with more images of the other stream than this, on
+# average. Chosen: a 60 Hz camera has two or three.
 _MAX_CANDIDATES = 20
-_USUAL_SHARE = 0.9  # chosen: share of color images with depth below which a warning is given
+_USUAL_SHARE = 0.9  # chosen: a warning is logged if a smaller ratio of the color images has depth
 
 
 def associate(

@@ -159,7 +159,7 @@ def icl_truth(path: Path) -> Trajectory:
 
 
 def icl_scene(folder: Path, color: str, depth: str) -> tuple[Images, Images]:
-    """Return the images as POV-Ray made them, with distances in text files."""
+    """Return the images that POV-Ray rendered, with depth from text files of distances."""
     colors, depths = numbered(folder, color, depth)
     return colors, tuple(d._replace(read=partial(_icl_depth_m, d.path)) for d in depths)
 

@@ -26,12 +26,14 @@ from hoid_common.values import (
 )
 
 _MAX_NUMBER = 10**9  # chosen: a year at 30 Hz
-_RATE_HZ = 30.0  # chosen: assumed for images that have numbers, but no stamps
+_RATE_HZ = 30.0  # chosen: assumed rate of images that have numbers, but no stamps
 _SUFFIXES = ('.jpg', '.jpeg', '.png', '.depth')
 _MAX_BYTES = 100_000_000  # chosen: a trajectory of a million poses
-# Chosen: 768x576 for the 256x192 px of a phone's depth; twice VGA costs more than it brings.
+# Chosen: largest size of color images as a multiple of the size of depth: 768x576 for the 256x192
+# px of a phone's depth. A larger size costs more than it brings.
 _MAX_REPEATS = 3
-_MAX_SKEW = 1e-3  # chosen: rounding error of a rotation matrix in float32 or text
+# Chosen: largest error of an element of R R^T, as rounding to float32 or text gives.
+_MAX_SKEW = 1e-3
 
 
 class ListedImage(NamedTuple):
@@ -118,7 +120,7 @@ def resized_color(image: ListedImage, size_px: tuple[int, int]) -> ListedImage:
 
 
 def pinhole(path: Path, values: list[float]) -> CameraModel:
-    """Return the camera of width, height, fx, fy, cx and cy, which a file states."""
+    """Return the camera with `values` width, height, fx, fy, cx, cy, which a file states."""
     width, height, fx, fy, cx, cy = values
     try:
         return CameraModel(int(width), int(height), fx, fy, cx, cy)
@@ -127,7 +129,7 @@ def pinhole(path: Path, values: list[float]) -> CameraModel:
 
 
 def matrix_camera(path: Path, size_px: Sequence[float], K: FloatArray) -> CameraModel:
-    """Return the camera of a size and a matrix K (3, 3 or larger), which a file states."""
+    """Return the camera with an image size and a matrix K (3, 3 or larger) from a file."""
     return pinhole(path, [*size_px, K[0, 0], K[1, 1], K[0, 2], K[1, 2]])
 
 
@@ -182,7 +184,7 @@ def read_table(
 
 
 def rigid_poses(stamps_ns: IntArray, T: FloatArray) -> Trajectory:
-    """Return the rigid poses of (N, 4, 4) matrices; files mark lost tracking by other matrices."""
+    """Return the rigid poses among N matrices (N, 4, 4); others mean that tracking was lost."""
     R = T[:, :3, :3]
     with np.errstate(invalid='ignore'):  # comparisons with NaN are false
         is_rotation = np.abs(R @ R.swapaxes(1, 2) - np.eye(3)).max((1, 2)) < _MAX_SKEW
@@ -191,6 +193,6 @@ def rigid_poses(stamps_ns: IntArray, T: FloatArray) -> Trajectory:
 
 
 def quaternion_poses(stamps_ns: IntArray, quat_xyzw: FloatArray, t_m: FloatArray) -> Trajectory:
-    """Return the valid poses of N quaternions xyzw (N, 4) and positions (N, 3) [m]."""
+    """Return the valid poses with quaternions xyzw (N, 4) and positions (N, 3) [m]."""
     with np.errstate(invalid='ignore'):  # quaternions of zeros
         return rigid_poses(stamps_ns, se3.from_quat_translation(quat_xyzw, t_m))

@@ -25,8 +25,8 @@ from hoid_common.values import NS_PER_S, Float32Array, FloatArray, IntArray, Tra
 _LOG = logging.getLogger(__name__)
 # ARKit's cameras have y up and z backward.
 _T_ARKIT_CAMERA = np.diag([1.0, -1.0, -1.0, 1.0])
-_G_MPS2 = 9.80665  # of Core Motion's accelerations, which point down at rest
-_GRAVITY_G = 0.5, 2.0  # chosen: length of the median acceleration with gravity
+_G_MPS2 = 9.80665  # unit of Core Motion's accelerations, which point down at rest
+_GRAVITY_G = 0.5, 2.0  # chosen: range of the length of a median acceleration that contains gravity
 _STRAY_POSE_COLUMNS, _STRAY_IMU_COLUMNS = 9, 7
 
 
@@ -127,7 +127,7 @@ def _trusted_depth(path: Path) -> ImageData:
 
 
 def stray_truth(path: Path) -> Trajectory:
-    """Return the poses of odometry.csv, whose cameras have y down and z forward."""
+    """Return the poses of odometry.csv, whose camera axes are y down and z forward."""
     rows = listing.read_table(path, _STRAY_POSE_COLUMNS, separator=',', num_titles=1)
     return listing.quaternion_poses(_stamps_ns(path, rows[:, 0]), rows[:, 5:], rows[:, 2:5])
 

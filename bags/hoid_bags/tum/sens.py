@@ -49,7 +49,7 @@ _NS_PER_US = 1000
 
 
 class _Frame(NamedTuple):
-    """A frame: its pose, and where the file has its images."""
+    """One frame: its pose, and the positions of its images in the file."""
 
     T_world_camera: FloatArray  # (4, 4); not finite: the scanner had lost tracking
     stamp_us: int
@@ -59,7 +59,7 @@ class _Frame(NamedTuple):
 
 
 class SensFile:
-    """The content of a file, without the images.
+    """The content of a `.sens` file, without the images.
 
     InputError: the header is truncated, or the version or compression is not ScanNet's.
     """
@@ -96,7 +96,7 @@ class SensFile:
         return int(head['num_frames'])
 
     def _read_frames(self, file: BinaryIO) -> None:
-        """Record the complete frames, and the angular velocities after them."""
+        """Read the heads of the complete frames, and the angular velocities after them."""
         size = os.fstat(file.fileno()).st_size
         for _ in range(self.num_frames):
             head = file.read(_FRAME.size)
@@ -117,7 +117,7 @@ class SensFile:
 
     @property
     def stamps_ns(self) -> IntArray:
-        """Return the stamps (N,) of the frames, of an assumed 30 Hz if the file has none."""
+        """Return the stamps (N,) of the frames, at an assumed 30 Hz if the file has none."""
         stamps_ns = [frame.stamp_us * _NS_PER_US for frame in self.frames]
         is_rising = all(a < b for a, b in pairwise(stamps_ns))
         if not is_rising or not 0 < max(stamps_ns, default=0) < END_STAMP_NS:
