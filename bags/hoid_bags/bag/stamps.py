@@ -1,4 +1,4 @@
-"""Stamps in the headers of messages, also of serialized messages without parsing all of them."""
+"""Stamps in the headers of messages, also of serialized messages, which are not parsed."""
 
 from __future__ import annotations
 
