@@ -1,6 +1,6 @@
-// Arguments, results and checks of the bindings. An argument of another dtype or shape than the
-// kernel's raises a TypeError, one that fails a check a ValueError. One that is not contiguous is
-// copied.
+// Converts and checks the arguments and results of the bindings. An argument whose dtype or shape
+// differs from that of the kernel raises a TypeError, one that fails a check a ValueError. An
+// array that is not contiguous is copied.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -44,14 +44,14 @@ using Shape = nb::shape<static_cast<Extent>(kShape)...>;
 template <typename T>
 using Stored = std::conditional_t<std::is_same_v<T, bool>, uint8_t, T>;
 
-// An array as an argument, of this dtype (kIsReal: of any real dtype, converted to it) and shape
-// (-1: any length). It converts to the views and pointers that kernels take.
+// An array argument with dtype T (kIsReal: any real dtype, converted to T) and shape kShape (-1:
+// any length). It converts to the views and pointers that kernels take.
 template <typename T, bool kIsReal, int... kShape>
 struct Argument
 {
   using Imported = nb::ndarray<const T, Shape<kShape...>, nb::c_contig, nb::device::cpu>;
 
-  // Numbers in a row; negative or 0 if this varies.
+  // Number of values in a row of the array; 0 if this varies.
   static constexpr int kColumns = [](int, auto... rest) {
     return ((rest < 0) || ...) ? 0 : (1 * ... * rest);
   }(kShape...);
@@ -149,7 +149,8 @@ auto field(std::vector<T>&& values)
   return give_rows(std::move(values));
 }
 
-// Make the named tuple of hoid_native.results that `Tuple` names. Vectors become arrays (N,).
+// Return the named tuple of hoid_native.results that `Tuple` names, with these fields. Vectors
+// become arrays (N,).
 template <typename Tuple, typename... Fields>
 Tuple make(Fields&&... fields)
 {
@@ -169,7 +170,7 @@ inline void require(bool is_true, const char* reason)
   }
 }
 
-// Require `length` rows of each named array: require_lengths(3, "k", k, "j", j).
+// Require that each named array has `length` rows: require_lengths(3, "k", k, "j", j).
 template <typename A, typename... Others>
 void require_lengths(int length, const char* name, const A& array, const Others&... others)
 {
@@ -213,7 +214,7 @@ void require_finite(const char* name, const Numbers& array)
   }
 }
 
-// See HOID_PARAMETERS.
+// The named tuple of an aggregate that HOID_PARAMETERS declares.
 template <typename Class>
 struct NamedTuple;
 
@@ -239,7 +240,7 @@ inline void require_pixels(const ImageArray<float>& depth_m)
   require(depth_m.num_elements() > 0, "depth_m: the image is empty");
 }
 
-// Each binds the kernels of one folder.
+// Each function adds the kernels of one folder to the Python module.
 void bind_features(nb::module_& module);
 void bind_graph(nb::module_& module);
 void bind_masks(nb::module_& module);

@@ -16,7 +16,7 @@ void require_squares(const ImageArray<float>& depth_m, const BoxArray& boxes, in
   require(side_px >= 1, "side_px: must be at least 1");
 }
 
-// Bind a function of pairs of boxes.
+// Add a Python function that calls a kernel for pairs of boxes.
 template <typename Kernel>
 void bind_pairwise(nb::module_& module, const char* name, Kernel kernel, const char* doc)
 {

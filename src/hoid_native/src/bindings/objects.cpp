@@ -22,7 +22,7 @@ HOID_RESULT(ObjectSurfaces);
 HOID_RESULT(SeenVoxels);
 HOID_RESULT(Voxels);
 
-constexpr int kMaxBits = 20;  // three of them fit into a key
+constexpr int kMaxBits = 20;  // largest number of bits per axis; three axes fit into a key
 
 objects::DepthPoints depth_points(
   const ImageArray<float>& depth_m, const PointArray& points_m, double pixel_m)

@@ -14,7 +14,7 @@ struct Buckets
   std::vector<int32_t> start, order;
 };
 
-// Sort items, given by the numbers from which `key` finds their keys, which are less than num_keys.
+// Sort items (numbers) by key(item), which is in [0, num_keys).
 template <typename Items, typename Key>
 Buckets sort_into_buckets(const Items& items, std::size_t num_keys, Key key)
 {

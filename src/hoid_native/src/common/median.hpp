@@ -6,8 +6,8 @@
 
 namespace hoid {
 
-// Return the median of values, which are reordered; the mean of the two middle ones of an even
-// number. There must be one at least.
+// Return the median of one or more values, which are reordered; of an even number of values, the
+// mean of the two middle ones.
 template <typename T>
 T median(std::vector<T>& values)
 {

@@ -47,7 +47,7 @@ using Points = Rows<double, 3>;
 // Row-major 4x4 matrices of rigid transforms.
 using Transforms = Rows<double, 16>;
 
-// Write the point p in the frame to which the 4x4 matrix T maps.
+// Write the point p, transformed by the row-major 4x4 matrix T.
 ALWAYS_INLINE void transform(const double* T, const double* p, double* out)
 {
   for (int r = 0; r < 3; ++r) {

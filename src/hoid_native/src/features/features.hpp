@@ -10,7 +10,8 @@
 
 namespace hoid::features {
 
-// Distance from the image's edge that each kernel needs, from the pixels that it reads.
+// Smallest distance from the image's edge at which each kernel may be called; it follows from the
+// pixels that the kernel reads.
 constexpr int kSubpixelBorderPx = 4;    // FAST circle (3 px) around each of the 3x3 pixels
 constexpr int kOrientationBorderPx = 15;  // radius of ORB's disc
 constexpr int kDescriptorBorderPx = 19;   // ORB's pattern of +-13 px, rotated and rounded

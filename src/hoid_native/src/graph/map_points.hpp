@@ -1,5 +1,5 @@
-// What is derived from the observations of a map point: viewing direction, scale range, descriptor;
-// and the motion of points with their keyframes.
+// Computes viewing direction, scale range and descriptor of each map point from its observations,
+// and moves points with their keyframes.
 #pragma once
 
 #include <vector>
@@ -31,7 +31,7 @@ struct SortedObservations
   Numbers i, k, j;
 };
 
-// See hoid_native.results.PointStatistics.
+// Statistics of the observed points; the fields are those of hoid_native.results.PointStatistics.
 struct PointStatistics
 {
   std::vector<int64_t> rows;
@@ -41,7 +41,8 @@ struct PointStatistics
   std::vector<uint8_t> descriptors;
 };
 
-// Return the statistics of all observed points. Octaves without a scale have the last one.
+// Return the statistics of all observed points. Octaves beyond the list of scales have its last
+// scale.
 PointStatistics point_statistics(
   const KeyframeFeatures& keyframes, const MapPoints& points, const SortedObservations& seen,
   const Rows<double>& octave_scale);

@@ -130,7 +130,8 @@ Observations ObservationGraph::observations(const Numbers& j, const Numbers* key
     }
   });
   std::sort(keyed.begin(), keyed.end());
-  keyed.erase(std::unique(keyed.begin(), keyed.end()), keyed.end());  // of repeated points
+  // Repeated points give equal keys.
+  keyed.erase(std::unique(keyed.begin(), keyed.end()), keyed.end());
   Observations out;
   for (auto* part : {&out.i, &out.k, &out.j}) {
     part->reserve(keyed.size());

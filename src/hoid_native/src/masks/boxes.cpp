@@ -79,8 +79,8 @@ struct TouchTest
   }
 };
 
-// The interaction of an object with one person: of those who handle it (if any, else of all
-// people) the one whose box covers most of it.
+// The interaction of an object with the person whose box covers most of it, among the people who
+// handle it or, if nobody does, among all people.
 struct Interaction
 {
   bool handled = false;  // by any person
@@ -143,7 +143,7 @@ ClassifiedBoxes classify_boxes(
     0};
   box_center_depths(depth_m, boxes, side_px, out.depth_m.data());
   const TouchTest touch{rule, depth_m, pixels};
-  std::vector<uint8_t> is_moving(depth_m.size());  // of each pixel
+  std::vector<uint8_t> is_moving(depth_m.size());  // whether each pixel moves
   for (int n = 0; n < count; ++n) {
     const Interaction found = find_interaction(n, boxes, roles, out.depth_m, touch);
     const bool is_person = roles[n] == kPerson;

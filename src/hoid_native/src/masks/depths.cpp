@@ -34,7 +34,8 @@ constexpr double kMinLayerShare = 0.6;
 // The part of a box that mostly shows the person: x1, y1, x2, y2 as shares of its sides.
 constexpr double kMiddle[] = {0.2, 0.1, 0.8, 0.9};
 constexpr float kMaxStepM = 0.5F;  // a person's depth changes by less between images
-// With a smaller ratio of the measurements near the known depth, it was that of the background.
+// If a smaller ratio of the measurements is near the known depth, the known depth was that of the
+// background.
 constexpr double kMinNearShare = 0.3;
 
 int pixel(double place_px, int size)

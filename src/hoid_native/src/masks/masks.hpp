@@ -13,11 +13,11 @@ namespace hoid::masks {
 // none.
 constexpr uint8_t kPerson = 1, kMayBeHandled = 2;
 
-// Write the (count, count_others) shares of each box's area that lie in each of the others: the
+// Write the (count, count_others) ratios of each box's area that each of the others covers: the
 // interaction area of the HOID paper. 0 for a box without area.
 void overlap_ratios(const Boxes& boxes, const Boxes& others, double* ratio_out);
 
-// Write the (count, count_others) intersections over union; 0 without area.
+// Write the (count, count_others) intersections over union of boxes; 0 for boxes without area.
 void intersections_over_union(const Boxes& boxes, const Boxes& others, double* ratio_out);
 
 // The rule by which a person handles an object: their depths differ by less than `apart_m` (an
@@ -29,7 +29,7 @@ struct HandlingRule
   double min_share, apart_m, reach_px;
 };
 
-// See hoid_native.results.ClassifiedBoxes.
+// The classification of boxes; the fields are those of hoid_native.results.ClassifiedBoxes.
 struct ClassifiedBoxes
 {
   std::vector<double> depth_m, overlap, gap_m;

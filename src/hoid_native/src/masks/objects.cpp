@@ -13,8 +13,8 @@ namespace hoid::masks {
 namespace {
 
 constexpr double kMinInsideShare = 0.6;  // chosen: share of an object's region that is in its box
-// Chosen: if its regions fill a smaller ratio of its box, a detected object has merged with what
-// it touches.
+// Chosen: if the regions of a detected object fill a smaller ratio of its box, the object has
+// merged with a surface that it touches.
 constexpr double kMinFilledShare = 0.25;
 // How far an object extends beyond its box, as a ratio of its side (decision 010: `crowd` 2.9 mm
 // instead of 3.2, and no image of a half occluded `fr1_xyz` is lost instead of 77).
@@ -41,7 +41,8 @@ void fill_gaps(const Image<float>& depth_m, const PixelBox& area, std::vector<ui
       }
     }
   }
-  std::vector<uint8_t> near(width, 0);  // per column: rows within reach with such a pixel
+  // Number of rows within reach that have such a pixel, by column.
+  std::vector<uint8_t> near(width, 0);
   for (int y = -kGapReachPx; y < height; ++y) {
     for (int x = 0; x < width && y + kGapReachPx < height; ++x) {
       near[x] += beside[(y + kGapReachPx) * width + x];
@@ -155,7 +156,7 @@ private:
     return size;
   }
 
-  // Set every pixel of the area near the object's depth.
+  // Set every pixel of the area whose depth is near that of the object.
   void add_near(const Object& object)
   {
     const auto middle_m = static_cast<float>(object.depth_m),

@@ -77,7 +77,7 @@ ALWAYS_INLINE double square_from_segment(double u, double v, double du, double d
   return apart_u * apart_u + apart_v * apart_v;
 }
 
-// The search region of one query: a square window around a pixel ...
+// A search region of a query: a square window around a pixel.
 struct Window
 {
   double u, v, u_right, radius;
@@ -101,7 +101,7 @@ struct Window
   }
 };
 
-// ... or the surroundings of a segment.
+// A search region of a query: the pixels near a line segment.
 struct Segment
 {
   const double *at, *octave_radius_px;

@@ -17,7 +17,7 @@ struct QueryConstraints
   Descriptors descriptors;
 };
 
-// Features to match.
+// Features of one image, which may match a query.
 struct Candidates
 {
   Rows<float, 3> measurement_px;  // u, v, u_right; NaN u_right: no depth
@@ -26,7 +26,7 @@ struct Candidates
   const uint8_t* free;  // not 0: may be matched; null: all may
 };
 
-// Threshold of a match.
+// Limits that a match must meet.
 struct MatchThreshold
 {
   int max_distance;  // Hamming
@@ -63,8 +63,8 @@ Pairs match_along_segments(
   const Segments& segments, const QueryConstraints& queries, const Candidates& candidates,
   const MatchThreshold& threshold);
 
-// Return the (tables, descriptors) keys of descriptors in hash tables, in the 32 upper bits; the
-// others are 0. Bit n of a key of table t is bit bits[t][n] of the descriptor.
+// Return the (tables, descriptors) keys of descriptors in hash tables, in the upper 32 bits; the
+// lower ones are 0. Bit n of a key of table t is bit bits[t][n] of the descriptor.
 std::vector<uint64_t> hash_keys(const Descriptors& descriptors, const Image<uint8_t>& bits);
 
 }  // namespace hoid::matching

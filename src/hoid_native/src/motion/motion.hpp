@@ -72,7 +72,8 @@ struct SegmentEvidence
   float limit;  // the log-odds of a pixel stay within [-limit, limit]
 };
 
-// Write the (H, W) log-odds of motion of the current pixels.
+// Write the (H, W) log-odds of motion of the current pixels: those of the previous image, decayed,
+// plus the evidence of their segments.
 void propagate_log_odds(
   const ViewPair& views, const float* previous_m, const float* log_odds, const DepthMargin& margin,
   float decay, const SegmentEvidence& evidence, float* log_odds_out);
@@ -85,7 +86,8 @@ struct PointObservations
   Rows<double, 2> weights;
 };
 
-// Write the (num_poses, 2) sums of the weights of the points that each pose explains.
+// Write two scores (num_poses, 2) of each pose: sums of both weights of the points, each times how
+// well the pose explains the point, from 0 to 1.
 void score_poses(
   const optimize::StereoParams& camera, double pixel_px, double limit,
   const Transforms& T_camera_world, const PointObservations& seen, double* score_out);

@@ -18,8 +18,8 @@ struct DepthPoints
   double pixel_m;        // distance between neighboring pixels at a depth of 1 m
 };
 
-// The detections of an image. The known box of an object that is not known has a lowest corner
-// beyond the highest one.
+// The detections of an image. An object without a known box has a lowest corner beyond the highest
+// one.
 struct Detections
 {
   Rows<int32_t, 4> boxes_px;  // left, top, right, bottom within the image, exclusive
@@ -31,7 +31,7 @@ struct Detections
   Points known_low_m, known_high_m;  // corners in these frames
 };
 
-// See hoid_native.results.ObjectSurfaces.
+// The surfaces of the objects; the fields are those of hoid_native.results.ObjectSurfaces.
 struct Surfaces
 {
   std::vector<int32_t> detection;
@@ -44,7 +44,7 @@ struct Surfaces
 Surfaces object_surfaces(
   const DepthPoints& image, const Detections& detections, const int32_t* owner);
 
-// See hoid_native.results.Voxels.
+// Voxels of an object; the fields are those of hoid_native.results.Voxels.
 struct Voxels
 {
   std::vector<int64_t> keys;
@@ -114,14 +114,14 @@ struct ProjectedVoxels
   Rows<int64_t> ends;
 };
 
-// The depth of a voxel may differ from that of the surface by a length (m) plus a multiple (1/m) of
-// its square.
+// Largest depth difference of a voxel and the surface that shows it: a constant (m) plus a
+// multiple (1/m) of the square of the depth.
 struct DepthMargin
 {
   double constant_m, per_depth2;
 };
 
-// See hoid_native.results.SeenVoxels.
+// The visibility of voxels; the fields are those of hoid_native.results.SeenVoxels.
 struct SeenVoxels
 {
   std::vector<double> uv_px;

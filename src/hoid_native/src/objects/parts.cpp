@@ -12,7 +12,7 @@ namespace hoid::objects {
 
 namespace {
 
-// None of these numbers was tuned where no other source is named.
+// Numbers without a source were not tuned.
 
 // The depths in a box are counted in a histogram with bins of 5 cm. A layer is a range of at least
 // 4 bins. The object begins at the nearest layer with at least 0.6 times as many pixels as the
@@ -51,8 +51,8 @@ int first_bin(const std::vector<int>& count, int thick)
 }
 
 constexpr int kTrials = 24;  // number of planes through random points that are compared; not tuned
-// A depth at a depth z [m] belongs to a plane if its distance from it is less than
-// kPlaneM * max(1, kPlaneGrowth * z^2), because the noise of depth grows with z^2. Not tuned.
+// A pixel with depth z [m] belongs to a plane if its distance from the plane is less than kPlaneM
+// * max(1, kPlaneGrowth * z^2), because the noise of depth grows with z^2. Not tuned.
 constexpr float kPlaneM = 0.015F, kPlaneGrowth = 0.28F;
 // Norm of the cross product (two thirds of the triangle's area) below which three points count as
 // on a line, numerically. Every point would be on the plane through them.

@@ -21,7 +21,7 @@ namespace hoid::objects {
 
 namespace {
 
-// None of these numbers was tuned where no other source is named.
+// Numbers without a source were not tuned.
 constexpr int kMinReadings = 6;  // fewer readings do not show where an object is
 // Width of the ring around a box: share of the box's longer side, and limits in pixels.
 constexpr double kRingShare = 0.25, kRingLeastPx = 2, kRingMostPx = 10;
@@ -252,7 +252,7 @@ private:
     return out;
   }
 
-  // Return the pixels of the object: its nearest part, or what is seen of it behind an occluder.
+  // Return the pixels of the object: its nearest part, or its visible pixels behind an occluder.
   //
   // The latter are the pixels in the known box, if less than half of the nearest part is among them.
   Pixels part(const Pixels& pixels, const PixelBox& area, int d)

@@ -1,4 +1,5 @@
-// What an image shows of the objects of the map, and which segments may show them.
+// Determines which voxels of known objects an image shows, and how well its segments fit these
+// objects.
 
 #include <algorithm>
 #include <cmath>
@@ -12,7 +13,7 @@ namespace {
 
 constexpr double kNan = std::numeric_limits<double>::quiet_NaN();
 
-// Extend a box, which has no pixels as long as it is NaN.
+// Extend a box to contain a pixel; a box of NaN is empty.
 void extend(double* box_px, const double* uv)
 {
   for (int axis = 0; axis < 2; ++axis) {

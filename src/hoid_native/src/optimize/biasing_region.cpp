@@ -18,8 +18,8 @@ namespace {
 constexpr int kCells = 16;    // leaves of the tree: a region is at least 1/16 of the matches,
 constexpr int kMaxCells = 4;  // and at most 1/4 (decision 036)
 constexpr int kAxes = 3;
-// Makes the normal equations solvable if the rest does not observe a motion; numerically
-// negligible.
+// Damping that makes the normal equations solvable if the other matches leave a motion
+// undetermined; numerically negligible.
 constexpr double kDamping = 1e-6;
 
 using Location = std::array<double, kAxes>;                 // x / z, y / z, log z
@@ -89,7 +89,7 @@ void add_equations(
   }
 }
 
-// Return by how much the cost of the rest falls, to first order, when it alone determines the
+// Return the first-order decrease of the cost of the other matches if they alone determine the
 // pose.
 double cost_reduction(const Equations& rest)
 {

@@ -85,7 +85,7 @@ private:
     return factor_.info() == Eigen::Success;
   }
 
-  // Make the sparse matrix without values, and find where each block is in it.
+  // Create the sparse matrix without values, and find where each block is in it.
   void make_pattern()
   {
     std::vector<std::vector<int>> columns(num_free());  // of each camera, those with a block below
