@@ -80,9 +80,9 @@ class PlusConfig(Config):
     )
     doubt_in_turns: bool = param(
         default=True,  # decision 050
-        description='Whether hoid+ ignores every person with a score below 0.5 in this way while '
-        'the camera turns by more than 0.5 rad/s, and then predicts no missed boxes. It has no '
-        'effect without motion.enabled.',
+        description='Whether hoid+ ignores every person with a score below 0.5 until the fourth '
+        'detection in a row while the camera turns faster than 0.5 rad/s, and then predicts no '
+        'missed boxes. It has no effect without motion.enabled.',
         read_only=False,
     )
     remember: bool = param(
@@ -243,9 +243,9 @@ class DetectionInputConfig(Config):
 
     wait_s: float = param(
         0.5,  # covers a detector that is late by up to 500 ms (decision 031)
-        'Longest time that the final verdict on an image waits for its detections, and features '
-        'for the first message of the detector (s). Raise it, with prediction_limit_s, for a '
-        'slower detector.',
+        'Longest time that an image waits for its detections before its dynamic objects are '
+        "final, and features for the detector's first message (s). Raise it, with "
+        'prediction_limit_s, for a slower detector.',
         limits=(0.0, 10.0),
         read_only=False,
         expert=True,

@@ -17,7 +17,7 @@ class InputConfig(Config):
 
     reliability: str = param(
         AUTO,
-        'Reliability that subscriptions request, but for IMU topics, feature_verdicts and the '
+        'Reliability that subscriptions request, except for IMU topics, feature_verdicts and the '
         'initial pose. With auto, a subscription is reliable unless a publisher offers best '
         'effort only.',
         choices=(AUTO, BEST_EFFORT, RELIABLE),
@@ -25,8 +25,8 @@ class InputConfig(Config):
     )
     queue_length: int = param(
         5,
-        'Number of messages of each topic, but of IMUs, that wait while the node is busy. Raise '
-        'it when messages are lost at short peaks of the load.',
+        'Number of messages of each topic, except IMU topics, that wait while the node is busy. '
+        'Raise it when messages are lost at short peaks of the load.',
         limits=(1, 1000),
         expert=True,
     )

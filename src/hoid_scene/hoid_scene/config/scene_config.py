@@ -34,7 +34,7 @@ class SceneNodeConfig(NodeConfig, SceneConfig):
 
     map_directory: str = param(
         '~/.ros/hoid',
-        'The only folder in which services write files, and that of the images from which the '
-        'dense map is restored after a crash. Set it to that of rgbd_slam, if both run on one '
+        'The only folder in which services write files. It also contains the images from which '
+        'the dense map is restored after a crash. Set it to that of rgbd_slam, if both run on one '
         'computer.',
     )

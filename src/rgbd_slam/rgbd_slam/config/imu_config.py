@@ -19,7 +19,7 @@ class ImuConfig(Config):
     )
     prior: bool = param(
         default=True,
-        description='Whether the rotation of tracked images is also fitted to the gyro.',
+        description='Whether the gyro also constrains the rotation of tracked images.',
         expert=True,
     )
     integrate: bool = param(
