@@ -187,7 +187,7 @@ class _Index:
                 self._problems.setdefault(topic, []).append(f'{reader.path}: {topic}: {error}')
         self._report_problems(given_camera)
         used = [_longest(reader.path, *topic) for topic in self._images.items()]
-        self.stamps_ns = [order.stamps_ns for order, _ in used]  # of color and depth
+        self.stamps_ns = [order.stamps_ns for order, _ in used]  # stamps of color and depth images
         self.first_log_ns = min(int(log_ns[0]) for _, log_ns in used)
         self.last_log_ns = max(int(log_ns.max()) for _, log_ns in used)
         depth, color = (self._frame_of.get(t.name, '') for t in (found.depth, found.color))

@@ -28,7 +28,7 @@ _OF_VIDEO = 'image_raw'
 class BagTopic(NamedTuple):
     """One topic of a bag."""
 
-    name: str  # absolute
+    name: str  # absolute name
     type_name: str
     num_messages: int
     qos: Qos | None  # profile that its first publisher offered; None: unknown

@@ -135,7 +135,7 @@ class McapFile(McapReader):
         return unpack(found.data, compression, size, found.uncompressed_crc)
 
     def _unchunked(self, by_id: dict[int, Connection]) -> Iterator[_Item]:
-        with suppress(*DAMAGE):  # Ends where the file was cut off.
+        with suppress(*DAMAGE):  # ends where the file was cut off
             for record, _ in self._records():
                 if isinstance(record, Message) and record.channel_id in by_id:
                     yield _Item(record.log_time, by_id[record.channel_id], record.data)
@@ -228,8 +228,8 @@ class _Scan:
 
     def __init__(self) -> None:
         self.chunks: list[ChunkInfo] = []
-        self.damage: dict[int, tuple[str, Counter[int]]] = {}  # by offset: reason, lost by channel
-        self.type_names: dict[int, str] = {}  # by schema
+        self.damage: dict[int, tuple[str, Counter[int]]] = {}  # by offset: reason, lost messages
+        self.type_names: dict[int, str] = {}  # name of the type by id of the schema
         self.channels: dict[int, Channel] = {}
         self.counts: Counter[int] = Counter()  # readable messages by channel
         self.first_ns, self.last_ns = _MAX_TIME_NS, 0

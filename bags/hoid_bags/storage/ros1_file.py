@@ -42,7 +42,7 @@ class Ros1File(Reader):
 
     def __init__(self, path: Path) -> None:
         super().__init__(path)
-        self._converters: dict[int, Converter] = {}  # by connection
+        self._converters: dict[int, Converter] = {}  # converter by id of the connection
 
     def open(self) -> None:
         """Read the index; rosbags.rosbag1.ReaderError if it is missing or incomplete."""

@@ -172,7 +172,7 @@ def sens_truth(path: Path) -> Trajectory:
 
 
 def sens_imu(path: Path) -> tuple[NumberTable | None, None]:
-    """Return the angular velocities; the unit of the accelerations is not documented."""
+    """Return the angular velocities (rad/s); accelerations have no documented unit."""
     rates = SensFile(path).rates
     rates = rates[rates['stamp_us'] < END_STAMP_NS // _NS_PER_US]
     if not len(rates):

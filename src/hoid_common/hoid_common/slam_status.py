@@ -35,8 +35,8 @@ class SlamStatus:
     message: str = ''  # reason for the state; empty if there is no particular reason
     tracked_points: int = 0  # map points matched in this image
     inliers: int = 0  # matched points that agree with the pose
-    keyframes: int = 0  # in the main map
-    map_points: int = 0  # in the main map
+    keyframes: int = 0  # number in the main map
+    map_points: int = 0  # number in the main map
     maps: int = 0  # number of maps, the main map included
     mapper_queue: int = 0  # keyframes that wait for the mapper
     loops: int = 0  # closed loops

@@ -98,7 +98,7 @@ def constant_offset_text(color_ns: IntArray, depth_ns: IntArray) -> str:
 class Match(NamedTuple):
     """Items of all streams that belong to one instant."""
 
-    stamp_ns: int  # of the reference stream's item
+    stamp_ns: int  # stamp of the reference stream's item
     # In the order of the streams; None for an optional stream without an item.
     values: tuple[Any, ...]
 
@@ -108,8 +108,8 @@ class StreamCounts:
     """Counts of a stream's items: matched, or dropped for one of three reasons."""
 
     matched: int = 0
-    unmatched: int = 0  # dropped without a match
-    overflowed: int = 0  # dropped from a full queue
+    unmatched: int = 0  # items dropped without a match
+    overflowed: int = 0  # items dropped from a full queue
     late: int = 0  # dropped because they are not newer than the stream's previous item
 
 
@@ -146,7 +146,7 @@ class StampMatcher:
         self._queues: dict[str, deque[_Item]] = {}
         self._newest_ns: dict[str, int] = {}
         self._period_ns: dict[str, int] = {}
-        self._gaps_ns: deque[int] = deque(maxlen=_NUM_GAPS)  # of reference items without a match
+        self._gaps_ns: deque[int] = deque(maxlen=_NUM_GAPS)  # gaps of unmatched reference items
         # Of the latest items of the first two streams, for `constant_offset_text`.
         self._stamps_ns: dict[str, deque[int]] = {}
         self._constant_offset = ''  # text of `constant_offset_text`

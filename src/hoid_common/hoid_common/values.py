@@ -50,7 +50,7 @@ MAX_NAME_LENGTH = 100
 # Number of coefficients of OpenCV's rational model: k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3,
 # s4, tau_x, tau_y.
 _NUM_COEFFICIENTS = 14
-_NUM_FISHEYE = 4  # of OpenCV's fisheye model: k1, k2, k3, k4
+_NUM_FISHEYE = 4  # coefficients of OpenCV's fisheye model: k1, k2, k3, k4
 _MAX_COEFFICIENT = 1e4  # chosen far above the coefficients of real lenses; not tuned
 # Limits of the focal length, as a ratio to the longer image side: fields of view of 169 and 0.6
 # degrees. Chosen beyond those of any pinhole camera.
@@ -149,7 +149,7 @@ class CameraModel:
         x, y = (points_camera_m[:, :2] / points_camera_m[:, 2:]).T
         if (
             any(self.distortion[-2:]) and len(self.distortion) == _NUM_COEFFICIENTS
-        ):  # tilted sensor
+        ):  # the sensor is tilted
             zero = np.zeros(3)
             out, _ = cv2.projectPoints(
                 points_camera_m, zero, zero, self.matrix, self._coefficients
@@ -185,7 +185,7 @@ class CameraModel:
 class RgbdFrame:
     """One color image and the depth image that is registered to it."""
 
-    stamp_ns: int  # of the color image
+    stamp_ns: int  # stamp of the color image
     image_bgr: ByteArray  # (H, W, 3) uint8
     depth_m: Float32Array  # (H, W) along the optical axis; 0 = no depth
 
@@ -199,7 +199,7 @@ class RgbdFrame:
 class Detections:
     """Bounding boxes that a detector found in one image; MessageError if arrays disagree."""
 
-    stamp_ns: int  # of the image
+    stamp_ns: int  # stamp of the image
     boxes_xyxy_px: Float32Array  # (N, 4) left, top, right, bottom in the full image
     class_names: tuple[str, ...]  # N names of the detector's classes, such as 'person'
     scores: Float32Array  # (N,) confidence in [0, 1]
@@ -228,7 +228,7 @@ class Detections:
 class Features:
     """N ORB features of one image, as a structure of arrays; MessageError if they disagree."""
 
-    stamp_ns: int  # of the color image
+    stamp_ns: int  # stamp of the color image
     uv_px: Float32Array  # (N, 2) at full resolution, as imaged (lens distortion not removed)
     depth_m: Float32Array  # (N,) along the optical axis; 0 = no depth, or at a depth edge
     octave: ByteArray  # (N,) level of the image pyramid; 0 = full resolution

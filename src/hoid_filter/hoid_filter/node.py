@@ -39,8 +39,8 @@ class FilterNode(ManagedNode):
         self._settings = Parameters(self, FilterNodeConfig(), self._reconfigure)
         config = self._settings.config
         self._filter = FeatureFilter(config)
-        self._camera: CameraModel | None = None  # of the newest camera_info
-        self._size_px: tuple[int, int] | None = None  # of the newest image
+        self._camera: CameraModel | None = None  # camera of the newest camera_info
+        self._size_px: tuple[int, int] | None = None  # size of the newest image
         self._unit = DepthUnitWarning(_UNIT_REMEDY)
         # A guard condition runs after the messages that were ready in the same turn.
         idle = self.create_guard_condition(self._on_idle)

@@ -81,7 +81,7 @@ class MatchEvaluation(NamedTuple):
 
 
 class BiasingRegion(NamedTuple):
-    """The region of an image without whose matches the rest of N matches fits a pose best."""
+    """The region of an image without which the other ones of N matches fit a pose best."""
 
     mask: NDArray[np.bool_]  # (N,) matches in the region
     low: NDArray[np.float64]  # (3,) smallest x / z, y / z and log(z / m) in the camera frame

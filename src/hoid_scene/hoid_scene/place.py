@@ -16,8 +16,8 @@ _SAME_M = 1e-5  # chosen: a frame stays where it is if its pose differs by less
 class Anchor(NamedTuple):
     """The keyframe with which the content of an image moves, and the pose of the image."""
 
-    uid: int  # of the keyframe
-    map_id: int  # of the keyframe
+    uid: int  # uid of the keyframe
+    map_id: int  # map of the keyframe
     T_map_keyframe: FloatArray  # (4, 4) present pose of the keyframe
     T_map_camera: FloatArray  # (4, 4) present pose of the image
 

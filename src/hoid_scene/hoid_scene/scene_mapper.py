@@ -80,7 +80,7 @@ class SceneMapper:
         self._config = dense
         self.dense = DenseMap(camera, dense, views)
         self._tracker = ObjectTracker(objects)
-        self._tracks: tuple[TrackedObject, ...] = ()  # as of the last image
+        self._tracks: tuple[TrackedObject, ...] = ()  # tracks after the last image
         self.object_map = ObjectMap(camera, object_map.prior_score) if object_map.enabled else None
         self._is_prior, self._is_labeled = object_map.prior_score > 0, object_map.label_cloud
         self._floors: LocalFloors | None = None

@@ -110,7 +110,7 @@ class SceneScheduler:
     def narrow(
         self, request: SceneRequest | None, objects: Sequence[DynamicObject]
     ) -> SceneRequest | None:
-        """Return the request without the maps for which its image is not due, or None.
+        """Return the request for the maps for which the image is due; None: for no map.
 
         Predicted boxes do not show where an object is. The object map therefore uses only images
         with detections, and the tracks use other images only while those are too rare.

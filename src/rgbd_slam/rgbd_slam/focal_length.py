@@ -22,7 +22,7 @@ from rgbd_slam.tracking.rolling_shutter import linearized, normal_matrix
 _MIN_SHARED, _MAX_SHARED = 30, 300  # smallest and largest number of points of a pair
 _PAIRS = 3  # number of earlier keyframes that a new one is compared with
 _ROUNDS = 2  # number of Gauss-Newton steps
-_LARGEST_STEP = 0.1  # of the relative focal length
+_LARGEST_STEP = 0.1  # largest step of the relative focal length
 _MIN_KEYFRAMES, _MAX_KEYFRAMES = 20, 200  # number of compared keyframes: for a result, and at most
 # The error is reported if an interval of three standard errors is beyond 2 %: correct cameras are
 # within 1.4 % (decision 045).

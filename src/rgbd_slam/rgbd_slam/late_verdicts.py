@@ -18,8 +18,8 @@ class LateVerdicts:
     """Stores the latest keyframes without a verdict, and verdicts that came before their image."""
 
     def __init__(self) -> None:
-        self._keyframes: OrderedDict[int, int] = OrderedDict()  # stamp: number of features
-        self._early: OrderedDict[int, FeatureVerdicts] = OrderedDict()  # by stamp
+        self._keyframes: OrderedDict[int, int] = OrderedDict()  # number of features by stamp
+        self._early: OrderedDict[int, FeatureVerdicts] = OrderedDict()  # verdicts by stamp
         self._newest_ns = self._num_newest = 0  # stamp and number of features of the newest image
 
     def filtered(self, features: Features) -> Features:
@@ -35,7 +35,7 @@ class LateVerdicts:
         _put(self._keyframes, self._newest_ns, self._num_newest)
 
     def changes_keyframe(self, verdicts: FeatureVerdicts) -> bool:
-        """Return whether these are a keyframe's first verdicts, and some features are dynamic.
+        """Return whether a keyframe's first verdicts have come, and some features are dynamic.
 
         Verdicts on an image that has not arrived yet are stored for `filtered`. MessageError if
         the keyframe has another number of features.

@@ -136,7 +136,7 @@ class SlamSession:
         return Processed(status, tracked.pose, self._image(result, is_in_main_map=is_in_main_map))
 
     def apply_verdicts(self, verdicts: FeatureVerdicts) -> None:
-        """Retract the observations by those features of a keyframe that turned out to be dynamic.
+        """Remove the observations of features of a keyframe that turned out to be dynamic.
 
         Verdicts on an image that has not arrived yet are applied when it is tracked. Verdicts on
         an image that is not a keyframe, or had verdicts before, are ignored. MessageError if the

@@ -100,8 +100,8 @@ class Summary:
     ate_online_rmse_m: float | None
     rpe_trans_1s_rmse_m: float | None
     rpe_rot_1s_rmse_deg: float | None
-    keyframes: int  # in the main map
-    map_points: int  # in the main map
+    keyframes: int  # number in the main map
+    map_points: int  # number in the main map
     maps: int  # number of maps, the main map included; more than 1: they are not merged
     loops: int
     merges: int  # number of merges of two maps

@@ -34,7 +34,7 @@ class StaticFrames:
     """A tree of static transforms, which returns the transform between any two of its frames."""
 
     def __init__(self) -> None:
-        self._edges: dict[str, tuple[str, FloatArray]] = {}  # child: parent, T_parent_child
+        self._edges: dict[str, tuple[str, FloatArray]] = {}  # by child: parent, T_parent_child
 
     def add(self, parent: str, child: str, T_parent_child: FloatArray) -> None:
         """Set parent and T_parent_child (4, 4) of a frame; MessageError for too many frames."""

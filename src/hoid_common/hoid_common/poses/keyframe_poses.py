@@ -59,7 +59,7 @@ class TrackedImage(NamedTuple):
 
     stamp_ns: int
     T_map_camera: FloatArray  # (4, 4); in the map frame if the image is in the main map
-    keyframe_uid: int  # of the reference keyframe, which is in the map
+    keyframe_uid: int  # uid of the reference keyframe, which is in the map
     is_in_main_map: bool
     is_growing: bool  # whether the map is extended; False in localization
 

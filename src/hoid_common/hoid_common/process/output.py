@@ -84,7 +84,7 @@ def _may_block(stream: int, *, terminals: bool) -> bool:
 
 def _flush() -> None:
     for file in (sys.stdout, sys.stderr):
-        with suppress(OSError, ValueError, AttributeError):  # it is closed
+        with suppress(OSError, ValueError, AttributeError):  # the stream is closed
             file.flush()
 
 
@@ -157,11 +157,11 @@ class _Channel:
             # mode, which must not change for them.
             flags = os.O_WRONLY | os.O_NONBLOCK | os.O_NOCTTY | os.O_APPEND
             self.stream = os.open(f'/proc/self/fd/{stream}', flags)
-        except OSError:  # a socket
+        except OSError:  # the stream is a socket
             self.stream = os.dup(stream)
         self._is_socket = stat.S_ISSOCK(os.fstat(self.stream).st_mode)
         self._waiting = bytearray()
-        self._num_lost = 0  # lines
+        self._num_lost = 0  # number of lost lines
         self._is_in_line = False  # whether the last write ended within a line
         self._is_dead = False
 

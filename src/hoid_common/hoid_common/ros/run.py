@@ -146,7 +146,7 @@ def _reduce_processor_load() -> None:
     receiving an image.
     """
     cv2.setNumThreads(1)
-    with contextlib.suppress(OSError, AttributeError):  # another C library
+    with contextlib.suppress(OSError, AttributeError):  # the C library is not glibc
         glibc = ctypes.CDLL('libc.so.6')
         for option in (_M_MMAP_THRESHOLD, _M_TRIM_THRESHOLD):
             glibc.mallopt(option, _KEPT_BYTES)

@@ -190,7 +190,7 @@ class Database:
         return bool(self._run(sql))
 
     def copy_to(self, path: Path) -> None:
-        """Copy the content to a new finished file by SQLite's backup, without syncing the disk."""
+        """Copy the content to a new single file by SQLite's backup, without syncing the disk."""
         with _described(path), closing(sqlite3.connect(path)) as copy:
             copy.execute('PRAGMA journal_mode = OFF')
             copy.execute('PRAGMA synchronous = OFF')
@@ -326,7 +326,7 @@ class OwnerLock:
 
     def __init__(self, path: Path, owner: str) -> None:
         self._descriptor: int | None = None
-        # Then the database cannot be written either, which its writer reports.
+        # If this fails, the database cannot be written either, which its writer reports.
         with suppress(OSError):
             path.parent.mkdir(parents=True, exist_ok=True)
             # Opened only for reading, so that the disk can become read-only meanwhile.

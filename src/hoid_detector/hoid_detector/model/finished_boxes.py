@@ -47,7 +47,7 @@ _WORDS = (  # in names of outputs, such as batchno_classid_score_x1y1x2y2
     ('class', r'class(?:_?id)?|cls|label'),
 )
 _WORD = re.compile('|'.join(f'(?P<{word}>{pattern})' for word, pattern in _WORDS))
-_YOLO_NAS = 'flat_predictions'  # of super-gradients: batch, box, score, class
+_YOLO_NAS = 'flat_predictions'  # output of super-gradients: batch, box, score, class
 
 # Chosen: boxes count as fractions of the network input if no coordinate is above this, since
 # fractions stay near [0, 1]. Boxes in pixels are larger than 2.

@@ -37,8 +37,8 @@ class Grid(NamedTuple):
 class Probe:
     """The outputs of a network for a test image, from which its layout is recognized."""
 
-    size_wh: Size  # of the network input
-    names: tuple[str, ...]  # of the outputs
+    size_wh: Size  # width and height of the network input
+    names: tuple[str, ...]  # names of the outputs
     outputs: tuple[NDArray[Any], ...]
     metadata: Mapping[str, str]
     class_names: tuple[str, ...] | None  # None if they are not known

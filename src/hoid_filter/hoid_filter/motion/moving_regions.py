@@ -138,7 +138,7 @@ class MotionLogOdds:
         accepted[label[certain]] = True
         stats = np.asarray(raw_stats, np.int64)
         accepted &= stats[:, cv2.CC_STAT_AREA] >= min_area_px
-        accepted[0] = False  # the background
+        accepted[0] = False  # label 0 is the background
         if not accepted.any():
             return LabeledRegions.none(certain.shape)
         number = np.where(accepted, np.cumsum(accepted), 0)

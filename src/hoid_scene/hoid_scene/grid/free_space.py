@@ -18,7 +18,7 @@ from hoid_scene.dense.depth_view import DepthCamera, DepthView
 from hoid_scene.dense.submap import Submap, transform
 from hoid_scene.grid.floor import Floor
 
-_STEP_M = 0.05  # of height; chosen: the thickness of a seat
+_STEP_M = 0.05  # step of height; chosen: the thickness of a seat
 # Heights above the floor [m] of the centers of the 16 steps of height; each step has one bit.
 _HEIGHTS_M = (_STEP_M * (np.arange(16) + 0.5)).astype(np.float32)
 _ALL_FREE = np.uint16(0xFFFF)

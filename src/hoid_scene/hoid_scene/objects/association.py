@@ -116,7 +116,7 @@ def _overlap(box_px: FloatArray, boxes_px: IntArray) -> FloatArray:
 def associate(
     segments: Sequence[Segment], objects: Sequence[MappedObject], seen: Sequence[Visibility]
 ) -> dict[int, int]:
-    """Associate segments with objects; return the index of the object by that of the segment.
+    """Return which object each segment shows: index of the object by index of the segment.
 
     The score of a pair is the geometric mean of two ratios: of the segment's points that are in
     the box of the object, and of the object's visible voxels that are in the box of the detection.

@@ -53,7 +53,7 @@ class Views:
 
     def __init__(self) -> None:
         self.directions: FloatArray = np.empty((0, 3))  # (V, 3) unit vectors, object frame
-        self.counts: list[int] = []  # V numbers of detections
+        self.counts: list[int] = []  # number of detections from each direction
         self.last_weight = 1.0  # weight of the last detection
 
     def __len__(self) -> int:
@@ -107,7 +107,7 @@ class Evidence:
 
     @property
     def is_sufficient(self) -> bool:
-        """Return whether it was detected often, long and certainly enough."""
+        """Return whether the object was detected often, long and certainly enough."""
         is_at_once = self.num_sightings >= _AT_ONCE
         is_old = is_at_once or self.last_ns - self.first_ns >= _MIN_AGE_NS
         is_often = self.num_sightings >= _MIN_SIGHTINGS and self.weight >= -math.log(_MAX_WRONG)
@@ -127,12 +127,12 @@ class Evidence:
 
     @property
     def is_brief(self) -> bool:
-        """Return whether it was seen too rarely to be called new in a map, handled or missing."""
+        """Return whether the object has too few sightings to be new, handled or missing."""
         return self.num_sightings < _MANY_SIGHTINGS
 
     @property
     def is_missing(self) -> bool:
-        """Return whether many looks at its place, which showed a surface, did not detect it.
+        """Return whether many looks that showed a surface at the place had no detection.
 
         The place of a flat object that was taken does not look empty.
         """

@@ -126,7 +126,7 @@ class MappedObject:
 
     @property
     def is_present(self) -> bool:
-        """Return whether it is at its place, as far as is known."""
+        """Return whether the object is at its place, as far as is known."""
         return self.left_as is None
 
     @property

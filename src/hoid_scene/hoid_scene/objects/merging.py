@@ -16,7 +16,7 @@ from hoid_scene.objects.segmentation import BARE, BoxPx, Segment
 # Numbers without a source were not tuned. Two boxes that share more than this ratio of the smaller
 # one may show the same object.
 _DOUBLE_RATIO = 0.7
-_MARGIN_M = 0.04  # around the box of an object
+_MARGIN_M = 0.04  # by which an object's box is enlarged on each side
 # Two objects of a class are the same if the box of each has more than this ratio of the other:
 # things are not inside each other. In 28 maps of rendered rooms, the one pair that was the same
 # object had 0.81, and pairs of different objects had at most 0.60.

@@ -97,7 +97,7 @@ class ObjectSurface:
         return se3.transform(self.T_map_object, self.voxels.means_m)
 
     def solid_points_map_m(self) -> FloatArray:
-        """Return the (N, 3) mean points of the voxels that belong to it, in the map frame."""
+        """Return the mean points (N, 3) of the object's solid voxels, in the map frame."""
         return se3.transform(self.T_map_object, self.voxels.means_m[self.is_solid()])
 
     def center_map_m(self) -> FloatArray:

@@ -124,7 +124,7 @@ class SceneImages:
             self._add('pose', image.stamp_ns, _Picked(msg, request))
 
     def _on_objects(self, msg: DynamicObjectArray) -> None:
-        """Add the objects of an image if their states are final; the maps can wait for these."""
+        """Add the objects of an image, unless their states are provisional."""
         if not msg.provisional:
             self._add('objects', conversions.stamp_from_msg(msg.header.stamp), msg)
 

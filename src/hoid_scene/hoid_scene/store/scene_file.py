@@ -56,7 +56,7 @@ class SavedScene(NamedTuple):
 
 
 class JoinedScenes(NamedTuple):
-    """The scene that `join_scenes` has made of several scenes."""
+    """The scene that `join_scenes` returns, and which dense maps it contains."""
 
     scene: SavedScene
     # For each scene: True if its dense map is in the result, or if it has no dense map. Dense maps

@@ -31,7 +31,7 @@ class StoredSession(NamedTuple):
 
     name: str
     num_loaded: int  # number of map files whose scene is in the store
-    is_reused: int  # 1: a map with objects is among them
+    is_reused: int  # 1: one of these maps has objects
 
 
 class SceneStore:

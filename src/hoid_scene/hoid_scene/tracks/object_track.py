@@ -34,7 +34,7 @@ class TrackedObject:
     class_name: str
     state: ObjectState
     stamp_ns: int  # stamp of the image that detected it last
-    score: float  # of the last detection, in [0, 1]
+    score: float  # score of the last detection, in [0, 1]
     position_map_m: FloatArray  # (3,) center
     velocity_map_mps: FloatArray  # (3,); zero at rest
     size_m: FloatArray  # (3,), extent along the map's axes

@@ -134,7 +134,7 @@ class GravityEstimator:
 def _triple(
     poses: TrackedPoses, accelerometer: SampleBuffer, offset_ns: int, center_ns: int
 ) -> _Triple | None:
-    """Return the equation of the images nearest to a time, and 0.25 s before and after it."""
+    """Return the equation of three images: at about a time, and 0.25 s before and after it."""
     wanted_ns = center_ns + _HALF_NS * np.array([-1, 0, 1])
     i0, i1, i2 = np.abs(poses.stamps_ns[:, None] - wanted_ns).argmin(axis=0).tolist()
     stamps_ns = poses.stamps_ns[i0 : i2 + 1]

@@ -46,7 +46,7 @@ class GyroFit(NamedTuple):
     offset_s: float  # the stamps of the IMU are later than those of the images by this time
     R_camera_imu: FloatArray  # (3, 3)
     bias_radps: FloatArray  # (3,) along the axes of the IMU
-    offset_sigma_s: float  # standard deviation
+    offset_sigma_s: float  # standard deviation of the offset
     rotation_sigma_rad: float  # largest standard deviation about any axis
     bias_sigma_radps: float
     residual_radps: float  # RMS of the differences between measured and tracked rates

@@ -233,7 +233,7 @@ class Imu:
         return fit_gyro(self._motion, self._gyro, R, offset_s, _PERIOD_NS)
 
     def _chosen_rotation(self, R_found: FloatArray, sigma_rad: float) -> FloatArray:
-        """Return the given R_camera_imu (3, 3), or the found one if that contradicts it."""
+        """Return the given R_camera_imu (3, 3), or `R_found` (3, 3) if that contradicts it."""
         if self._mounting is None:
             return snapped(R_found, sigma_rad)
         given = self._mounting.R_camera_imu

@@ -39,7 +39,7 @@ class Mounting(NamedTuple):
 
 
 def snapped(R_camera_imu: FloatArray, sigma_rad: float) -> FloatArray:
-    """Return the nearest rotation of parallel axes if it is close to R_camera_imu, else that."""
+    """Return the nearest rotation of parallel axes if it is close, else R_camera_imu itself."""
     nearest = _PARALLEL[np.argmax(np.einsum('nij,ij->n', _PARALLEL, R_camera_imu))]
     angle_rad = float(np.linalg.norm(rotation_vector(nearest.T @ R_camera_imu)))
     return nearest if angle_rad < _AXES_RAD + _NUM_SIGMAS * sigma_rad else R_camera_imu

@@ -10,7 +10,7 @@ from rgbd_slam.model.keyframes import NO_POINT
 
 
 def retract_observations(atlas: Atlas, verdicts: FeatureVerdicts) -> None:
-    """Remove the observations of a keyframe's dynamic features, and the points made from these.
+    """Remove the observations of a keyframe's dynamic features, and the points based on them.
 
     Points that another keyframe created only lose these observations. Nothing is removed if the
     image is not a keyframe of this session, or has another number of features.

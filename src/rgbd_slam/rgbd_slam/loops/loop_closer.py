@@ -52,8 +52,8 @@ class Join(NamedTuple):
     """A closed loop or a merge between a new keyframe and an earlier one at the same place."""
 
     edge: LoopEdge  # loop edge from the earlier keyframe to the new one
-    place_stamp_ns: int  # of the earlier keyframe
-    stamp_ns: int  # of the new keyframe
+    place_stamp_ns: int  # stamp of the earlier keyframe
+    stamp_ns: int  # stamp of the new keyframe
     # Distance (m) and rotation (rad) by which the new keyframe was moved; None for two maps, whose
     # relative pose was unknown.
     correction: tuple[float, float] | None

@@ -73,8 +73,8 @@ _APART_M = 2.0
 class _Unconfirmed(NamedTuple):
     """A verified match of a keyframe that too few other keyframes have confirmed yet."""
 
-    uid: int  # of the keyframe
-    map_id: int  # of the matched keyframe
+    uid: int  # uid of the keyframe
+    map_id: int  # map of the matched keyframe
     T_camera_map: FloatArray  # (4, 4) pose of the keyframe in that map, according to the match
 
 

@@ -98,7 +98,7 @@ def _subtree(atlas: Atlas, i: int) -> list[int]:
 
 
 def _split_points(atlas: Atlas, parts: _Parts) -> None:
-    """Create new points for the later part, which it observes instead of fused ones."""
+    """Create new points for the later part, whose keyframes observe them, not fused ones."""
     points, is_later = atlas.points, parts.is_later
     seen = atlas.observations_of(atlas.points_of(parts.rows))
     later, rank = is_later[seen.i], parts.rank[seen.i]

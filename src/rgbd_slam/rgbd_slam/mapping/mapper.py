@@ -30,7 +30,7 @@ from rgbd_slam.optimize.bundle_adjustment import local_bundle_adjustment
 class KeyframeRequest:
     """A frame that becomes a keyframe, and the tracker's statistics since the last keyframe."""
 
-    uid: int  # of the new keyframe
+    uid: int  # uid of the new keyframe
     # Its reference keyframe may still be pending. It names points by uid, because rows may be
     # reused.
     tracked: TrackedFrame

@@ -45,7 +45,7 @@ from rgbd_slam.records.soa_table import DEAD
 # machine.
 _START_S = 30.0  # start of the process, which loads its libraries in about 1 s
 _WORK_S = 60.0  # one request, and the start of a replacement process before it
-_LOAD_S = 600.0  # for loading the largest map
+_LOAD_S = 600.0  # longest time to load a map
 # Time limit of the global adjustment at the end, which takes 4.7 s for 309 keyframes
 # (places_and_loops.md). After it, the map is used without the adjustment, and a warning is logged.
 _SETTLE_S = 20.0  # the limit also applies to an adjustment that was running before

@@ -28,7 +28,7 @@ _IDLE_S = 0.2  # chosen: period in which an idle mapper polls its background adj
 class Start(NamedTuple):
     """Request: create the first keyframe of a map."""
 
-    uid: int  # of the keyframe
+    uid: int  # uid of the keyframe
     frame: Frame
     T_map_camera: FloatArray  # (4, 4)
     map_id: int

@@ -43,7 +43,7 @@ class SlamStats:
 
     # In the main map; before the first keyframe is inserted, the number of pending keyframes.
     num_keyframes: int
-    num_map_points: int  # in the main map
+    num_map_points: int  # number of points in the main map
     # More than one after tracking was lost, or after a saved map was loaded beside the running
     # one, until the maps are merged.
     num_maps: int = 0

@@ -133,7 +133,7 @@ class TrajectoryRecorder:
             self._frames[n] = frame
 
     def redirect(self, redirects: Iterable[Redirect]) -> None:
-        """Make poses relative to removed keyframes relative to these keyframes' parents."""
+        """Replace removed keyframes by their parents in the poses that are relative to them."""
         for redirect in redirects:
             self._removed.append(redirect)
 
@@ -228,7 +228,7 @@ class _PoseSnapshot:
             self.is_main |= is_in_map
 
     def of(self, uids: IntArray, removed: NDArray[np.void]) -> tuple[IntArray, FloatArray]:
-        """Return rows (K,) of keyframes or their nearest ancestors, and the keyframes' poses."""
+        """Return rows (K,) of keyframes, or of ancestors of removed ones, and the K poses."""
         T_parent_camera = np.tile(np.eye(4), (len(uids), 1, 1))
         while (
             n := _find(removed['uid'], uids)

@@ -93,7 +93,7 @@ class PlaceEvidence(NamedTuple):
 
 
 class Visibility(NamedTuple):
-    """Which of N points in an image's view could be found in it, and which depth contradicts."""
+    """Which of N points in view can be found in the image, and which contradict its depth."""
 
     # (N,) True: there are features near the point's pixel, and not all of their depths are in
     # front of the point, so that it is not occluded.
@@ -225,7 +225,7 @@ class PlaceVerifier:
 
 
 def visibility(projection_px: FloatArray, depth_m: FloatArray, frame: Frame) -> Visibility:
-    """Return which points are observable, and which are contradicted by depths near them.
+    """Return which of N points are observable, and which contradict the depths near them.
 
     Args:
         projection_px: (3, N) predicted u, v, u_right of the points.

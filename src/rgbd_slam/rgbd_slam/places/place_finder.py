@@ -33,8 +33,8 @@ class FoundPlace(NamedTuple):
 class Candidate(NamedTuple):
     """A keyframe that resembles an image, and the result of their comparison, for the log."""
 
-    stamp_ns: int  # of the image
-    place_stamp_ns: int  # of the keyframe
+    stamp_ns: int  # stamp of the image
+    place_stamp_ns: int  # stamp of the keyframe
     # Whether the keyframe is in another map than that in which the image is tracked.
     is_in_other_map: bool
     doubt: str  # why the image does not show this place; the kind of reason comes before a colon

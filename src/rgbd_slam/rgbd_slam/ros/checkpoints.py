@@ -138,7 +138,7 @@ class Checkpoints:
         return self._thread is not None and self._thread.copy_to(path)
 
     def discard(self) -> None:
-        """Keep the map (`keep`), and do not resume the map of a killed node; used by a reset."""
+        """End this map for a reset: `keep` it, and do not resume the map of a killed node."""
         self._forget_stored()
         self.keep()
 

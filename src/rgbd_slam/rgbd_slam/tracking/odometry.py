@@ -106,7 +106,7 @@ class Odometry:
         While it is lost, sources that have measured its motion come first.
         """
         sources: list[MotionSource | None] = [*self._sources]
-        sources.insert(0 if self._gyro is None else 1, None)  # the last velocity
+        sources.insert(0 if self._gyro is None else 1, None)  # None: the last velocity
         if self._is_bridged:
             sources.sort(key=lambda source: source is None or source.bridge() is None)
         last_ns = self._stamp_ns if self.last is None else self.last.frame.stamp_ns

@@ -65,7 +65,7 @@ class WarmUp:
         since_ns = keyframes.stamp_ns[rows] - start_ns
         if (since_ns < _SETTLED_NS).all():
             return
-        is_static = np.zeros(self._atlas.points.capacity + 1, np.bool_)  # the last: NO_POINT
+        is_static = np.zeros(self._atlas.points.capacity + 1, np.bool_)  # last: NO_POINT
         is_static[keyframes.point_of_feature[rows[since_ns >= _WARM_UP_NS]]] = True
         is_static[NO_POINT] = False
         self._reestimate(*self._frames.popleft(), is_static, camera)

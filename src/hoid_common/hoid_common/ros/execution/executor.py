@@ -143,7 +143,7 @@ class ThreadCallbackGroup(CallbackGroup):
 
     def __init__(self) -> None:
         super().__init__()
-        self.thread_id: int | None = None  # as of threading.get_ident
+        self.thread_id: int | None = None  # id from threading.get_ident
 
     def can_execute(self, entity: Any) -> bool:
         del entity
@@ -239,7 +239,7 @@ class SteadyExecutor(SingleThreadedExecutor):
         try:
             with sub.handle:
                 taken = sub.handle.take_message(sub.msg_type, sub.raw)
-        except InvalidHandle:  # it is being destroyed
+        except InvalidHandle:  # the entity is being destroyed
             return None
         if taken is None:
             return None
@@ -250,7 +250,7 @@ class SteadyExecutor(SingleThreadedExecutor):
         try:
             with tmr.handle:
                 tmr.handle.call_timer()
-        except InvalidHandle:  # it is being destroyed
+        except InvalidHandle:  # the entity is being destroyed
             return None
         callback: Callable[[], Any] = tmr.callback
         return callback

@@ -26,7 +26,7 @@ from hoid_common.values import NS_PER_S, ByteArray, FloatArray, IntArray
 
 _HEAD_BYTES = 4  # encapsulation header; alignment in CDR counts from the next byte
 _COUNT_BYTES = 4
-_ALIGNMENT = 8  # of float64
+_ALIGNMENT = 8  # alignment of float64 in bytes
 _STAMP_BYTES = 12  # stamp (8 bytes), and the length of the frame's name (4 bytes)
 _POSE_BYTES = 56  # seven float64: position and quaternion
 _SENTINEL = 1.2345678987654321e-300  # chosen: a value that no template contains by chance

@@ -26,7 +26,7 @@ class WheelOdometry:
     ) -> None:
         self._odom = odom
         self._static = static
-        self._poses: dict[str, PoseBuffer] = {}  # child frame: T_odom_child
+        self._poses: dict[str, PoseBuffer] = {}  # T_odom_child by child frame
         listen_to_transforms(node, topics.TF, qos.TF, 'transforms', self._add, diagnostics)
 
     def at(self, stamp_ns: int, base: str) -> FloatArray | None:
