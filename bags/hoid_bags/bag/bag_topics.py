@@ -248,7 +248,7 @@ class _Finder:
     def _info_names(self, image: _Image, field: str) -> list[str]:
         """Return names that the camera_info of an `rgb_image` or `depth_image` may have."""
         names = [topics.camera_info_beside(image.topic.name)]
-        if image.base.endswith(_VIEWER_IMAGE):  # RealSense Viewer
+        if image.base.endswith(_VIEWER_IMAGE):  # a recording of RealSense Viewer
             names.append(f'{image.base.removesuffix(_VIEWER_IMAGE)}/info/camera_info')
         if field == 'rgb_image':
             names += [

@@ -145,7 +145,7 @@ class DepthCamera:
 def in_boxes(shape: tuple[int, ...], boxes_xyxy_px: Float32Array, margin_px: int) -> BoolArray:
     """Return the mask, of the given shape (H, W), of the pixels inside boxes (N, 4)."""
     out = np.zeros(shape, np.bool_)
-    for x1, y1, x2, y2 in boxes_xyxy_px:  # few boxes
+    for x1, y1, x2, y2 in boxes_xyxy_px:  # fast enough for few boxes
         top, left = max(0, int(y1) - margin_px), max(0, int(x1) - margin_px)
         out[top : int(np.ceil(y2)) + margin_px, left : int(np.ceil(x2)) + margin_px] = True
     return out

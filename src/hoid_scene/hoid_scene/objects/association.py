@@ -87,7 +87,7 @@ def prior_of(
     by_class: dict[str, list[int]] = {}
     for d, detection in enumerate(detections):
         by_class.setdefault(detection.class_name, []).append(d)
-    for item, visibility in zip(objects, seen, strict=True):  # some tens of objects
+    for item, visibility in zip(objects, seen, strict=True):  # fast enough for some tens
         alike = by_class.get(item.class_name)
         if alike is None or not item.is_confirmed:
             continue
@@ -151,7 +151,7 @@ def _scores(
         np.cumsum([len(visibility.uv_px) for visibility in seen]),
         _may_touch(segments, objects),
     )
-    for s, o in np.argwhere(score > 0).tolist():  # some tens of pairs
+    for s, o in np.argwhere(score > 0).tolist():  # fast enough for some tens
         name, item = segments[s].detection.class_name, objects[o]
         small, large = sorted((segments[s].radius_m(), item.surface.radius_m()))
         is_other_size = large > _SIZE_RATIO * small and not is_confusable(name, item.class_name)
@@ -182,7 +182,7 @@ def expected_boxes(
     bounds the visible voxels.
     """
     names, boxes, scores = [], [], []
-    for item, visibility in zip(objects, seen, strict=True):  # some tens of objects
+    for item, visibility in zip(objects, seen, strict=True):  # fast enough for some tens
         is_known = item.is_confirmed and item.is_present
         if is_known and visibility.visible_ratio >= _EXPECTED_RATIO:
             names.append(item.class_name)

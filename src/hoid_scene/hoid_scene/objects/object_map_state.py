@@ -153,7 +153,7 @@ class ObjectMapState(Record):
             for name in names
         }
         out = []
-        for o in range(len(self)):  # some tens of objects
+        for o in range(len(self)):  # fast enough for some tens
             uid = int(keyframe_uids[self.anchor[o]])
             place = Place.saved(self.T_anchor_object[o], uid, keyframes)
             if place is not None:

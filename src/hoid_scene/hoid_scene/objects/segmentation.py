@@ -178,6 +178,6 @@ def _known_boxes(
     """
     T_box_map = np.zeros((num, 4, 4))
     low_m, high_m = np.ones((num, 3)), np.zeros((num, 3))
-    for d, box in known.items():  # few boxes
+    for d, box in known.items():  # fast enough for few boxes
         T_box_map[d], low_m[d], high_m[d] = box
     return T_box_map, low_m, high_m

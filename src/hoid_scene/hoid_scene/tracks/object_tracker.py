@@ -132,7 +132,7 @@ class ObjectTracker:
         x1, y1, x2, y2 = detection.box_xyxy_px
         center = np.array([(x1 + x2) / 2, (y1 + y2) / 2])
         best, best_px = None, np.inf
-        for track in free:  # few tracks
+        for track in free:  # fast enough for few tracks
             if track.class_name != detection.class_name:
                 continue
             uv = image.pixel_of(track.position_at_m(stamp_ns))
@@ -176,7 +176,7 @@ class ObjectTracker:
         self, sighting: Sighting, free: list[KalmanTrack], stamp_ns: int
     ) -> KalmanTrack | None:
         best, best_m = None, self._config.gate_m
-        for track in free:  # few tracks
+        for track in free:  # fast enough for few tracks
             if track.class_name != sighting.detection.class_name:
                 continue
             offset = track.position_at_m(stamp_ns) - sighting.position_map_m
@@ -198,7 +198,7 @@ class ObjectTracker:
         if not _is_handled(sighting.detection):
             return None
         best, best_m = None, np.inf
-        for track in free:  # few tracks
+        for track in free:  # fast enough for few tracks
             if track.class_name != sighting.detection.class_name or not track.is_confirmed:
                 continue
             unseen_s = min((stamp_ns - track.stamp_ns) * S_PER_NS, _CARRY_S)

@@ -45,7 +45,7 @@ _ROUNDS = 4  # Gauss-Newton converges in two or three from a start within 30 deg
 # calibrated. With 0.3 for the bias, its estimate absorbs errors of the tracked rotation: the error
 # after 6 s of fr1_xyz is then 3.9 instead of 1.5 degrees.
 _TRIPLE_MPS2, _LENGTH_MPS2, _BIAS_MPS2 = 0.15, 0.2, 0.1
-_MAX_ROTATION_SIGMA_RAD = np.deg2rad(12.0)  # chosen: far below the 90 degrees between axes
+_MAX_ROTATION_SIGMA_RAD = np.deg2rad(12.0)  # chosen: far below 90 degrees, the angle of two axes
 # Chosen: largest error of the length of gravity. Cheap accelerometers are off by up to 0.2 m/s^2;
 # one that measures in another unit is off by more than this limit.
 _MAX_LENGTH_ERROR_MPS2 = 1.0

@@ -242,7 +242,7 @@ class SlamMap:
         return self.frames.T_map_core @ poses.T_core_camera
 
     def shown_points_m(self, rows: CopiedPoints) -> Float32Array:
-        """Return the shown points (N, 3) in m of copied rows, in the map frame."""
+        """Return the points (N, 3) in m that are to be shown, in the map frame."""
         T_map_core = self.frames.T_map_core.astype(np.float32)
         shown_m = rows.position_m.take(np.flatnonzero(rows.is_shown), axis=0)
         return shown_m @ T_map_core[:3, :3].T + T_map_core[:3, 3]
