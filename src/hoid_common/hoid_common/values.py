@@ -293,7 +293,7 @@ class ObjectState(Enum):
 
 @dataclass(frozen=True)
 class DynamicObject:
-    """One detected or predicted object, and the filter's verdict on it."""
+    """One detected or predicted object, and why it is dynamic or static."""
 
     class_name: str  # such as 'cup'; UNKNOWN for a moving region without a detection
     box_xyxy_px: tuple[float, float, float, float]  # left, top, right, bottom in the full image
@@ -319,7 +319,7 @@ class DynamicObject:
 
 @dataclass(frozen=True, eq=False)
 class FilterResult:
-    """The filter's output for one frame: static features and a verdict on each object."""
+    """The filter's output for one frame: static features and classified objects."""
 
     features: Features  # the features that are kept
     objects: tuple[DynamicObject, ...]  # static objects included

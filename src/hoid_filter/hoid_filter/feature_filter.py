@@ -43,7 +43,7 @@ class DetectedCorners(NamedTuple):
 
 
 class FinalVerdict(NamedTuple):
-    """The final verdict on an image whose features have been published provisionally."""
+    """The final classification of an image whose features were published provisionally."""
 
     objects: tuple[DynamicObject, ...]  # static objects included
     feature_verdicts: FeatureVerdicts  # which of the published features are dynamic
@@ -195,7 +195,7 @@ class FeatureFilter:
         depth_m: Float32Array,
         detections: Detections | None,
     ) -> FinalVerdict:
-        """Return the final verdict on an image, classified again with newer detections and motion.
+        """Classify an image again, with newer detections and motion, and return the result.
 
         `features` are the result of `select_and_describe` for the image, at most a second ago.
         `detections` belong to the image, or to the nearest image that has any; None: those given

@@ -99,7 +99,7 @@ class _Awaiting(NamedTuple):
 
 
 class LiveFilter:
-    """State machine of the live filter: publishes each image early, then its final verdict.
+    """State machine that publishes each image early, and its final classification later.
 
     An image passes these states in order, and skips those that it does not need. *Held*: it waits
     at most `wait_s` for the first message of the detector, because a map must not start with
@@ -162,7 +162,7 @@ class LiveFilter:
         self._publish_held()
 
     def add_detections(self, detections: Detections) -> None:
-        """Publish the final verdict on all images that wait for these or earlier detections.
+        """Publish the final classification of images that wait for these or older detections.
 
         Detections that no waiting image has used, or that are newer than the newest image, are
         stored for later images. MessageError if no image can have such a late stamp by now.
@@ -184,7 +184,7 @@ class LiveFilter:
         self._publish_held()
 
     def poll(self) -> None:
-        """Publish the final verdict on overdue images; call this several times in `wait_s`."""
+        """Publish the final classification of overdue images; call this often within `wait_s`."""
         overdue = []
         while self._awaiting and self._is_overdue(self._awaiting[0]):
             overdue.append(self._awaiting.popleft())

@@ -57,7 +57,7 @@ class ObjectVerdicts(NamedTuple):
         reasons: tuple[ObjectState, ...],
         **known: NDArray[Any],
     ) -> ObjectVerdicts:
-        """Return the verdicts on N objects; fields that are not in `known` are unknown."""
+        """Return the classification of N objects; fields that are not in `known` are unknown."""
         num = len(class_names)
         unknown: dict[str, NDArray[Any]] = {
             'track_ids': np.full(num, -1),

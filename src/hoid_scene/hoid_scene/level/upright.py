@@ -127,7 +127,7 @@ def _directions(count: int) -> FloatArray:
 def _agreement(up: FloatArray, normals: FloatArray, sigma_rad: float) -> FloatArray:
     """Return the agreement (D, M), from 0 to 1, of M surfaces with D directions up."""
     cosine = np.abs(up @ normals.T).clip(0.0, 1.0)
-    from_vertical_rad = np.arcsin(cosine)  # of a wall: 0
+    from_vertical_rad = np.arcsin(cosine)  # 0 for a wall
     off_rad = np.minimum(from_vertical_rad, np.pi / 2 - from_vertical_rad)
     return np.asarray(np.exp(-0.5 * (off_rad / sigma_rad) ** 2))
 

@@ -13,7 +13,7 @@ from hoid_scene.grid.floor import Floor
 
 # None of these numbers was tuned; docs/results/rooms.md has the errors that result from them.
 _STRIDE = 4  # step between the pixels used [px]: boxes are many pixels wide
-_MIN_RANGE_M, _MAX_RANGE_M = 0.3, 8.0  # chosen: where common depth cameras give readings
+_MIN_RANGE_M, _MAX_RANGE_M = 0.3, 8.0  # chosen: the range of common depth cameras
 _MIN_READINGS = 6  # fewer readings do not show where an object is
 # A layer is a range of depth as thick as 4 bins. The object is the nearest layer that has at least
 # 0.6 times the readings of the layer with most readings: the background behind the object may fill
@@ -21,7 +21,7 @@ _MIN_READINGS = 6  # fewer readings do not show where an object is
 _BIN_M, _LAYER_BINS, _NEARER_SHARE = 0.05, 4, 0.6
 _CENTRAL_CUT = 0.25  # share of a box cut off on each side, because the border shows the background
 _EXTENT_CUT = 0.08  # the same where the size of an object is measured
-_EXTENT_PERCENTILES = (4, 96)  # of an object's points, which measure its extent without outliers
+_EXTENT_PERCENTILES = (4, 96)  # ends of the extent of an object's points, without outliers
 # An object is still at its known depth if more than this share of the readings in its box differs
 # from the known depth by less than this distance [m].
 _KNOWN_SHARE, _KNOWN_M = 0.15, 0.15

@@ -110,7 +110,7 @@ class MapTables:
         return parents
 
     def anchor(self, uid: int) -> Anchor | None:
-        """Return the anchor of a keyframe; None if it is unknown or was removed long ago."""
+        """Return the `Anchor` of a keyframe; None if the keyframe is unknown or long removed."""
         T_anchor_keyframe = np.eye(4)
         row = self.keyframes.index_of(uid)
         while row is None:
