@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_common.errors import InputError, MessageError
+from hoid_common.errors import InputError, MessageError, prefixed
 from hoid_common.io.compression.compressed_images import COLOR_READ_FLAGS, decode_image
 from hoid_common.io.image_size import is_jpeg, is_png
 from hoid_common.io.untrusted import read_bytes
@@ -85,7 +85,5 @@ def check_size(image: NDArray[Any], camera: CameraModel, name: object) -> None:
 
 def _decode(data: bytes, flags: int, name: object) -> NDArray[Any]:
     check_complete(data, name)
-    try:
+    with prefixed(f'{name}: ', InputError, MessageError):
         return decode_image(data, flags, 'image')
-    except MessageError as error:
-        raise InputError(f'{name}: {error}') from error

@@ -14,7 +14,7 @@ from hoid_bags.bag.bag_reader import BagReader, is_bag
 from hoid_bags.storage import bag_types as types
 from hoid_bags.tum.layouts import TUM, find_layout
 from hoid_common import topics
-from hoid_common.errors import InputError, MessageError
+from hoid_common.errors import InputError, MessageError, prefixed
 from hoid_common.io.stamps import in_order
 from hoid_common.io.tum_text import NumberTable, read_numbers, read_rows
 from hoid_common.io.untrusted import read_text
@@ -116,10 +116,8 @@ def read_imu_topic(bag: Path, topic: str) -> ImuRecording:
             names = ', '.join(item.name for item in reader.topics if item.type_name == types.IMU)
             raise InputError(f'{bag}: no topic {topic} of {types.IMU}; it has {names or "none"}')
         for message in reader.messages([topic]):
-            try:
+            with prefixed(f'{bag}: {topic}: ', InputError, MessageError):
                 msg = types.deserialize(message.data, types.IMU)
-            except MessageError as error:
-                raise InputError(f'{bag}: {topic}: {error}') from error
             with suppress(MessageError):  # the message has neither sensor
                 samples.append(imu_from_msg(msg))
     if not samples:

@@ -30,7 +30,7 @@ from hoid_bringup.run.detection_source import DetectionSource, detection_source
 from hoid_bringup.run.options import DETECTOR_HELP
 from hoid_bringup.run.run_config import RunConfig
 from hoid_common.errors import ConfigError, InputError
-from hoid_common.io.files import write_error
+from hoid_common.io.files import write_file, written
 from hoid_common.values import ByteArray, Detections, RgbdFrame
 from hoid_filter.config import FilterConfig
 from hoid_filter.drawing import draw_result
@@ -115,11 +115,9 @@ def _draw_object_map(sequence: Sequence, number: int, config: RunConfig, out: Pa
     path = out / 'objects.jpg'
     room = map_room(sequence, config.updated({'object_map.enabled': True}))
     frame = next(frame for k, frame in enumerate(sequence) if k == number)
-    try:
+    with written(path):
         out.mkdir(parents=True, exist_ok=True)
         draw_objects(path, room, frame, sequence.camera)
-    except OSError as error:
-        raise write_error(path, error) from error
     sys.stdout.write(f'{object_table(object_rows(room.objects, room.history))}{path}\n')
 
 
@@ -211,9 +209,5 @@ def _letter(k: int) -> str:
 
 def _write(path: Path, picture: ByteArray) -> Path:
     _, data = cv2.imencode('.png', picture)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(data.tobytes())
-    except OSError as error:
-        raise write_error(path, error) from error
+    write_file(path, data.tobytes())
     return path

@@ -13,7 +13,7 @@ from hoid_bags.storage.bag_types import Message, ensure_type, serialize, shared_
 from hoid_bags.storage.checked_writer import CheckedWriter
 from hoid_bags.storage.qos_profiles import reliable_qos
 from hoid_common.errors import InputError
-from hoid_common.io.files import scratch_folder, write_error
+from hoid_common.io.files import scratch_folder, written
 from hoid_common.process.signals import termination_signals_blocked
 
 _METADATA_VERSION: Final = 9  # version that rosbag2 of Jazzy writes
@@ -43,21 +43,16 @@ class BagWriter:
             )
             if self._compress:
                 self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-            try:
+            with written(self.path):
                 self._writer.open()
-            except OSError as error:
-                raise write_error(self.path, error) from error
             self._undo = undo.pop_all()
         return self
 
     def __exit__(self, *error: Any) -> None:
-        with termination_signals_blocked(), self._undo:
-            try:
-                self._writer.__exit__(*error)
-                if error[0] is None:
-                    self._aside.rename(self.path)
-            except OSError as cause:
-                raise write_error(self.path, cause) from cause
+        with termination_signals_blocked(), self._undo, written(self.path):
+            self._writer.__exit__(*error)
+            if error[0] is None:
+                self._aside.rename(self.path)
 
     def add_topic(self, topic: str, type_name: str, qos: Qos | None = None) -> None:
         """Add a topic, whose name becomes absolute. Without `qos`, its profile is reliable.
@@ -77,14 +72,10 @@ class BagWriter:
         self.write_serialized(topic, stamp_ns, serialize(message, connection.msgtype))
 
     def write_serialized(self, topic: str, stamp_ns: int, data: bytes | memoryview) -> None:
-        try:
+        with written(self.path):
             self._writer.write(self._connections[topic], stamp_ns, data)
-        except OSError as error:
-            raise write_error(self.path, error) from error
 
     def flush(self) -> None:
         """Pass all messages to the operating system, so that a kill of this process loses none."""
-        try:
+        with written(self.path):
             self._writer.flush()
-        except OSError as error:
-            raise write_error(self.path, error) from error

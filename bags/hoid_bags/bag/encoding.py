@@ -16,7 +16,7 @@ from hoid_bags.storage.bag_types import COMPRESSED_IMAGE, IMAGE, Message
 from hoid_bags.tum.listing import Images, ListedImage
 from hoid_bags.tum.tum_folder import REGISTER_FILES
 from hoid_common import topics
-from hoid_common.errors import InputError, MessageError
+from hoid_common.errors import InputError, MessageError, prefixed
 from hoid_common.inputs.registration import check_multiple
 from hoid_common.io import images
 from hoid_common.io.image_size import is_jpeg, is_png
@@ -81,10 +81,8 @@ def depth_encoding(
     def message(listed: ListedImage) -> Message:
         stored = listed.load()
         units = decode_depth(stored, listed.path)
-        try:
+        with prefixed(f'{listed.path}: ', InputError, MessageError):
             check_multiple((units.shape[1], units.shape[0]), camera.size_px, REGISTER_FILES)
-        except MessageError as error:
-            raise InputError(f'{listed.path}: {error}') from error
         if not_mm is not None:
             depth_m = images.depth_m_from_units(units, units_per_m)
             return bag_messages.image(listed.stamp_ns, depth_m, '32FC1')

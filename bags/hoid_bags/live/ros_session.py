@@ -14,7 +14,7 @@ from rosbags.interfaces import Qos, QosDurability, QosReliability
 
 from hoid_bags.storage.qos_profiles import reliable_qos
 from hoid_common import topics
-from hoid_common.errors import ConfigError
+from hoid_common.errors import ConfigError, replaced_by
 from hoid_common.process.shared_memory import restrict_segments, shared_memory_problem
 from hoid_common.process.signals import interrupt_on_termination
 from hoid_common.ros.run import limit_exit_time
@@ -35,13 +35,12 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
     interrupt_on_termination()
     node: Node | None = None
     try:
-        try:
+        problem = ConfigError(f'--namespace {namespace}: not a valid ROS namespace')
+        with replaced_by(problem, ValueError):
             node = Node(name, namespace=namespace, start_parameter_services=False)
-        except ValueError as error:
-            raise ConfigError(f'--namespace {namespace}: not a valid ROS namespace') from error
         restrict_segments()
-        if problem := shared_memory_problem():
-            node.get_logger().warning(problem)
+        if text := shared_memory_problem():
+            node.get_logger().warning(text)
         yield node
     finally:
         limit_exit_time()

@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.base import TypesysError
 from rosbags.typesys.store import Typestore
 
-from hoid_common.errors import InputError, MessageError
+from hoid_common.errors import InputError, MessageError, prefixed, replaced_by
 
 Message: TypeAlias = Any
 """Message object of rosbags' type store, which generates the classes at run time."""
@@ -70,16 +70,14 @@ def ensure_type(type_name: str) -> None:
     if type_name in store.fielddefs:
         return
     path: Path | str = type_name
-    try:
-        if (text := _FOREIGN.get(type_name)) is None:
-            path = _find_definition(type_name)
-            text = path.read_text(encoding='utf-8')
+    if (text := _FOREIGN.get(type_name)) is None:
+        path = _find_definition(type_name)
+        text = path.read_text(encoding='utf-8')
+    with prefixed(f'{path}: not a message definition: ', InputError, TypesysError):
         types = get_types_from_msg(text, type_name)
         for contained in sorted(named_types(types[type_name][1]) - {type_name}):
             ensure_type(contained)
         store.register(types)
-    except TypesysError as error:
-        raise InputError(f'{path}: not a message definition: {error}') from error
 
 
 def new_message(type_name: str, /, **fields: Any) -> Message:
@@ -99,10 +97,8 @@ def deserialize(data: bytes | memoryview, type_name: str) -> Message:
     MessageError: the bytes are no message of this type. InputError as in `ensure_type`.
     """
     ensure_type(type_name)
-    try:
+    with replaced_by(MessageError(f'{len(data)} bytes are no {type_name}'), SerdeError):
         return shared_typestore().deserialize_cdr(data, type_name)
-    except SerdeError as error:
-        raise MessageError(f'{len(data)} bytes are no {type_name}') from error
 
 
 def message_class(topic: str, type_name: str) -> Any:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hoid_bags.storage import bag_types as types
-from hoid_common.errors import InputError
+from hoid_common.errors import InputError, replaced_by
 from hoid_common.io.untrusted import open_regular
 from hoid_common.messages import stamp_from_msg
 from hoid_common.values import ByteArray
@@ -64,10 +64,9 @@ class VideoDecoder:
     def __init__(self, topic: str, codec: str) -> None:
         av = _import_av(f'{topic}: is {codec} video')
         self._packet, self._errors = av.Packet, av.FFmpegError
-        try:
+        missing = InputError(f'{topic}: PyAV has no decoder for {codec} video')
+        with replaced_by(missing, av.FFmpegError, ValueError):
             self._codec: Any = av.CodecContext.create(codec, 'r')
-        except (av.FFmpegError, ValueError) as error:
-            raise InputError(f'{topic}: PyAV has no decoder for {codec} video') from error
         self._codec.thread_count = 1
         self._fed: dict[int, tuple[Packet, int]] = {}  # by pts: packet and log time
         self._next_pts = 0
@@ -129,12 +128,10 @@ class VideoFile:
 
     def _open(self) -> None:
         open_regular(self.path).close()
-        try:
+        with replaced_by(InputError(f'{self.path}: no video'), self._av.FFmpegError, IndexError):
             self._container: Any = self._av.open(str(self.path))
             self._stream: Any = self._container.streams.video[0]
             self._frames: Iterator[Any] = self._container.decode(video=0)
-        except (self._av.FFmpegError, IndexError) as error:
-            raise InputError(f'{self.path}: no video') from error
         self._next = 0
 
 

@@ -6,7 +6,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-from hoid_common.errors import ConfigError, InputError
+from hoid_common.errors import ConfigError, InputError, prefixed
 from hoid_common.io.yaml_file import read_yaml
 from hoid_common.values import DISTORTION_MODELS, EQUIDISTANT, CameraModel
 
@@ -76,12 +76,10 @@ def read_camera_yaml(path: Path) -> CameraModel:
     if 'distortion_coefficients' in loaded:
         distortion = _numbers(path, loaded, 'distortion_coefficients')
     size = [_positive_int(path, loaded, key) for key in ('image_width', 'image_height')]
-    try:
+    with prefixed(f'{path}: ', InputError, ConfigError):
         return CameraModel(
             size[0], size[1], k[0], k[4], k[2], k[5], distortion, model == EQUIDISTANT
         )
-    except ConfigError as error:
-        raise InputError(f'{path}: {error}') from error
 
 
 def _positive_int(path: Path, loaded: dict[str, Any], key: str) -> int:

@@ -14,7 +14,7 @@ from hoid_bags.images import read_image_bytes
 from hoid_bags.tum import listing
 from hoid_bags.tum.cameras import CAMERA_FILE, camera_from_name, read_camera_yaml
 from hoid_bags.tum.listing import FolderCamera, Images, ListedImage
-from hoid_common.errors import ConfigError, InputError
+from hoid_common.errors import ConfigError, InputError, replaced_by
 from hoid_common.io.image_size import image_size_px
 from hoid_common.io.tum_text import read_tum
 from hoid_common.io.untrusted import read_text
@@ -56,11 +56,10 @@ def eth3d_camera(folder: Path) -> FolderCamera:
     fields = read_text(path).split()
     first = min((folder / 'rgb').glob('*.png'), default=None)
     size_px = image_size_px(read_image_bytes(first)) if first is not None else None
-    try:
+    problem = InputError(f'{path}: expected fx fy cx cy of the images in rgb/')
+    with replaced_by(problem, ValueError, ConfigError):
         fx, fy, cx, cy = map(float, fields)
         return FolderCamera(CameraModel(*(size_px or (0, 0)), fx, fy, cx, cy))
-    except (ValueError, ConfigError) as error:
-        raise InputError(f'{path}: expected fx fy cx cy of the images in rgb/') from error
 
 
 def openloris_camera(folder: Path) -> FolderCamera:
@@ -69,12 +68,11 @@ def openloris_camera(folder: Path) -> FolderCamera:
     if not path.exists():
         return FolderCamera(None)
     storage = _opencv_yaml(path)  # its nodes do not keep it alive
-    try:
+    problem = InputError(f'{path}: has no intrinsics of d400_color_optical_frame')
+    with replaced_by(problem, AttributeError, ValueError, cv2.error):
         camera = storage.getNode('d400_color_optical_frame')
         fx, cx, fy, cy = map(float, camera.getNode('intrinsics').mat().ravel())
         size = [camera.getNode(name).real() for name in ('width', 'height')]
-    except (AttributeError, ValueError, cv2.error) as error:
-        raise InputError(f'{path}: has no intrinsics of d400_color_optical_frame') from error
     return FolderCamera(listing.pinhole(path, [*size, fx, fy, cx, cy]))
 
 
@@ -96,10 +94,8 @@ def openloris_truth(path: Path) -> Trajectory:
 def _opencv_yaml(path: Path) -> cv2.FileStorage:
     """Return a YAML file of OpenCV, whose tags other parsers do not know."""
     flags = cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY | cv2.FILE_STORAGE_FORMAT_YAML
-    try:
+    with replaced_by(InputError(f'{path}: is no YAML file of OpenCV'), cv2.error, SystemError):
         return cv2.FileStorage(read_text(path), flags)
-    except (cv2.error, SystemError) as error:
-        raise InputError(f'{path}: is no YAML file of OpenCV') from error
 
 
 def replica_camera(folder: Path) -> FolderCamera:
@@ -169,10 +165,9 @@ def _icl_depth_m(path: Path) -> Float32Array:
     words = read_text(path).split()
     u, v = np.meshgrid(np.arange(_ICL.width_px), np.arange(_ICL.height_px))
     rays = (u - _ICL.cx_px) / _ICL.fx_px, (v - _ICL.cy_px) / _ICL.fy_px, np.ones(u.shape)
-    try:
+    problem = InputError(f'{path}: expected {u.size} distances, got {len(words)} words')
+    with replaced_by(problem, ValueError):
         distance_m = np.array(words, np.float32).reshape(_ICL.size_px[::-1])
-    except ValueError as error:
-        raise InputError(f'{path}: expected {u.size} distances, got {len(words)} words') from error
     return np.asarray(distance_m / np.linalg.norm(rays, axis=0), np.float32)
 
 
@@ -186,11 +181,9 @@ def icl_scene_truth(first: Path) -> Trajectory:
     poses = []
     for number in sorted(paths):
         found = dict(_ICL_VECTOR.findall(read_text(paths[number])))
-        try:
+        with replaced_by(InputError(f'{paths[number]}: has no pose'), KeyError, ValueError):
             names = ('right', 'up', 'dir', 'pos')
             rows = np.array([np.array(found[name].split(','), float) for name in names])
-        except (KeyError, ValueError) as error:
-            raise InputError(f'{paths[number]}: has no pose') from error
         T = np.eye(4)
         with np.errstate(invalid='ignore'):  # vectors of zeros
             axes = rows[:3] / np.linalg.norm(rows[:3], axis=1, keepdims=True)

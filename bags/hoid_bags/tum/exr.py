@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hoid_common.errors import InputError
+from hoid_common.errors import InputError, replaced_by
 from hoid_common.values import ByteArray, Float32Array
 
 _MAGIC: Final = b'\x76\x2f\x31\x01'
@@ -21,6 +21,7 @@ _LINES = {0: 1, 2: 1, 3: 16}  # scan lines of a block by compression: none, ZIPS
 _TYPES = {0: '<u4', 1: '<f2', 2: '<f4'}  # NumPy type by pixel type
 _MAX_PIXELS = 50_000_000  # chosen: more than any depth camera has
 _MAX_BLOCK_BYTES = 100_000_000  # chosen: 16 lines of 90,000 pixels in four channels
+_DAMAGE = (struct.error, zlib.error, ValueError, LookupError, OverflowError, StopIteration)
 
 
 def decode_exr(data: bytes, name: object) -> Float32Array:
@@ -29,8 +30,9 @@ def decode_exr(data: bytes, name: object) -> Float32Array:
     InputError (text begins with `name`): the data is damaged, or its compression unknown.
     """
     attributes, at = _header(data, name)
-    width, height = _size_px(attributes, name)
-    try:
+    problem = InputError(f'{name}: damaged EXR image')
+    with replaced_by(problem, *_DAMAGE):
+        width, height = _size_px(attributes, name)
         channels = _channels(attributes['channels'])
         compression = attributes['compression'][0]
         if compression not in _LINES:
@@ -57,15 +59,6 @@ def decode_exr(data: bytes, name: object) -> Float32Array:
                     image[row - first_row : row - first_row + count] = values
                 start = end
         return image
-    except (
-        struct.error,
-        zlib.error,
-        ValueError,
-        LookupError,
-        OverflowError,
-        StopIteration,
-    ) as error:
-        raise InputError(f'{name}: damaged EXR image') from error
 
 
 def _unpacked(block: bytes, size: int) -> ByteArray:
@@ -101,10 +94,7 @@ def _header(data: bytes, name: object) -> tuple[dict[str, bytes], int]:
 
 
 def _size_px(attributes: dict[str, bytes], name: object) -> tuple[int, int]:
-    try:
-        left, top, right, bottom = struct.unpack('<4i', attributes['dataWindow'])
-    except (KeyError, struct.error) as error:
-        raise InputError(f'{name}: damaged EXR image') from error
+    left, top, right, bottom = struct.unpack('<4i', attributes['dataWindow'])
     width, height = right - left + 1, bottom - top + 1
     if width <= 0 or height <= 0 or width * height > _MAX_PIXELS:
         raise InputError(f'{name}: EXR image of {width}x{height} px')

@@ -13,7 +13,7 @@ import numpy as np
 
 from hoid_bags.images import ImageData, decode_color, read_image_bytes
 from hoid_common import se3
-from hoid_common.errors import ConfigError, InputError
+from hoid_common.errors import ConfigError, InputError, prefixed, replaced_by
 from hoid_common.io.tum_text import sorted_rows
 from hoid_common.io.untrusted import check_path_name, read_text
 from hoid_common.values import (
@@ -122,10 +122,8 @@ def resized_color(image: ListedImage, size_px: tuple[int, int]) -> ListedImage:
 def pinhole(path: Path, values: list[float]) -> CameraModel:
     """Return the camera with `values` width, height, fx, fy, cx, cy, which a file states."""
     width, height, fx, fy, cx, cy = values
-    try:
+    with prefixed(f'{path}: ', InputError, ConfigError, ValueError, OverflowError):
         return CameraModel(int(width), int(height), fx, fy, cx, cy)
-    except (ConfigError, ValueError, OverflowError) as error:
-        raise InputError(f'{path}: {error}') from error
 
 
 def matrix_camera(path: Path, size_px: Sequence[float], K: FloatArray) -> CameraModel:
@@ -135,10 +133,8 @@ def matrix_camera(path: Path, size_px: Sequence[float], K: FloatArray) -> Camera
 
 def read_json(path: Path) -> dict[str, Any]:
     """Return the object of a JSON file; InputError if it contains no object."""
-    try:
+    with replaced_by(InputError(f'{path}: is not JSON'), ValueError, RecursionError):
         found = json.loads(read_text(path))
-    except (ValueError, RecursionError) as error:
-        raise InputError(f'{path}: is not JSON') from error
     if not isinstance(found, dict):
         raise InputError(f'{path}: expected a JSON object')
     return found
@@ -149,26 +145,22 @@ def json_number(path: Path, found: Any, name: str) -> float:
     value = found.get(name) if isinstance(found, dict) else None
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise InputError(f'{path}: {name} must be a number, got {value!r}')
-    try:
+    with replaced_by(InputError(f'{path}: {name} is too large a number'), OverflowError):
         return float(value)
-    except OverflowError as error:
-        raise InputError(f'{path}: {name} is too large a number') from error
 
 
 def json_table(path: Path, found: dict[str, Any], name: str, columns: int) -> FloatArray:
     """Return the numbers (N, columns) of a list in a JSON object; InputError if there is none."""
-    try:
+    problem = InputError(f'{path}: {name} must be rows of {columns} numbers')
+    with replaced_by(problem, TypeError, ValueError, OverflowError):
         return np.array(found.get(name), np.float64).reshape(-1, columns)
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f'{path}: {name} must be rows of {columns} numbers') from error
 
 
 def json_matrix(path: Path, found: dict[str, Any], name: str) -> FloatArray:
     """Return the matrix (3, 3) of nine numbers, column by column; else InputError."""
-    try:
+    problem = InputError(f'{path}: {name} must have nine numbers')
+    with replaced_by(problem, TypeError, ValueError, OverflowError):
         return np.array(found.get(name), np.float64).reshape(3, 3).T
-    except (TypeError, ValueError, OverflowError) as error:
-        raise InputError(f'{path}: {name} must have nine numbers') from error
 
 
 def read_table(
@@ -176,11 +168,9 @@ def read_table(
 ) -> FloatArray:
     """Return the numbers (N, columns) of a text file after its lines of titles."""
     lines = read_text(path, _MAX_BYTES).splitlines()
-    try:
+    with replaced_by(InputError(f'{path}: expected {columns} numbers in each line'), ValueError):
         rows: FloatArray = np.loadtxt(lines, delimiter=separator, skiprows=num_titles, ndmin=2)
         return rows[:, :columns].reshape(-1, columns)
-    except ValueError as error:
-        raise InputError(f'{path}: expected {columns} numbers in each line') from error
 
 
 def rigid_poses(stamps_ns: IntArray, T: FloatArray) -> Trajectory:

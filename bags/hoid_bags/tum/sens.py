@@ -20,7 +20,7 @@ import numpy as np
 from hoid_bags.tum import listing
 from hoid_bags.tum.listing import FolderCamera, Images, ListedImage
 from hoid_common import se3
-from hoid_common.errors import InputError
+from hoid_common.errors import InputError, replaced_by
 from hoid_common.inputs.registration import Registration
 from hoid_common.io.images import depth_m_from_units
 from hoid_common.io.stamps import END_STAMP_NS, in_order
@@ -68,12 +68,13 @@ class SensFile:
         self.path = path if path.suffix == SUFFIX else next(iter(sorted(path.glob(f'*{SUFFIX}'))))
         self.frames: list[_Frame] = []
         self.rates = np.empty(0, _RATES)
-        with open_regular(self.path) as file:
-            try:
-                self.num_frames = self._read_head(file)
-                self._read_frames(file)
-            except (struct.error, ValueError, OverflowError) as error:
-                raise InputError(f'{self.path}: damaged, or no recording of ScanNet') from error
+        problem = InputError(f'{self.path}: damaged, or no recording of ScanNet')
+        with (
+            open_regular(self.path) as file,
+            replaced_by(problem, struct.error, ValueError, OverflowError),
+        ):
+            self.num_frames = self._read_head(file)
+            self._read_frames(file)
 
     def _read_head(self, file: BinaryIO) -> int:
         version, length = struct.unpack('<IQ', file.read(12))
@@ -133,12 +134,10 @@ class SensFile:
         """Return the (H, W) depth of a frame in m at the pixels of color."""
         data = self.part(frame.color_at + frame.color_bytes, frame.depth_bytes)
         width, height = self.depth_camera.size_px
-        try:
+        with replaced_by(InputError(f'{self.path}: damaged depth image'), zlib.error, ValueError):
             if self.is_packed:
                 data = zlib.decompressobj().decompress(data, 2 * width * height)
             units = np.frombuffer(data, '<u2').reshape(height, width)
-        except (zlib.error, ValueError) as error:
-            raise InputError(f'{self.path}: damaged depth image') from error
         return register(depth_m_from_units(units, self.units_per_m))
 
 

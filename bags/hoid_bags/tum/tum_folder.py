@@ -15,7 +15,7 @@ from hoid_bags.tum.association import MAX_PAIR_GAP_NS, pair_images
 from hoid_bags.tum.cameras import CAMERA_FILE
 from hoid_bags.tum.layouts import TUM, Layout, find_layout, has_file
 from hoid_bags.tum.listing import Images, ListedImage
-from hoid_common.errors import ConfigError, InputError, MessageError
+from hoid_common.errors import ConfigError, InputError, MessageError, prefixed
 from hoid_common.inputs.registration import DepthAligner
 from hoid_common.io.depth import DepthUnitWarning, check_depth_unit, readings_m
 from hoid_common.io.images import depth_m_from_units
@@ -94,11 +94,9 @@ class TumFolder:
             check_size(image_bgr, self.camera, color.path)
             units = decode_depth(depth.load(), depth.path)
             depth_m = depth_m_from_units(units, self.depth_units_per_m)
-            try:
+            with prefixed(f'{depth.path}: ', InputError, MessageError):
                 check_depth_unit(depth_m, f'1/{self.depth_units_per_m:g} m; set --depth-factor')
                 depth_m = aligner.align(depth_m, '', '', self.camera.size_px)
-            except MessageError as error:
-                raise InputError(f'{depth.path}: {error}') from error
             if warning := unit.warning_for(depth_m):
                 _LOG.warning('%s: %s', self.path, warning)
             yield RgbdFrame(color.stamp_ns, image_bgr, readings_m(depth_m))

@@ -11,7 +11,7 @@ import numpy as np
 from hoid_benchmarks.objects.image_boxes import draw_box, write_text
 from hoid_benchmarks.objects.list_scores import ListScores, Verdict
 from hoid_benchmarks.objects.object_list import ListedObject
-from hoid_common.io.files import write_error
+from hoid_common.io.files import written
 from hoid_common.values import ByteArray, CameraModel, FloatArray
 from hoid_scene.objects.mapped_object import MapObject
 
@@ -68,7 +68,5 @@ def write_picture(
     drawn += [np.zeros_like(drawn[0])] * (-len(drawn) % _COLUMNS)
     rows = [np.hstack(drawn[k : k + _COLUMNS]) for k in range(0, len(drawn), _COLUMNS)]
     _, data = cv2.imencode('.jpg', np.vstack(rows), (cv2.IMWRITE_JPEG_QUALITY, _QUALITY))
-    try:
+    with written(path):
         path.write_bytes(data.tobytes())
-    except OSError as error:
-        raise write_error(path, error) from error

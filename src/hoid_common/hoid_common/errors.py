@@ -1,5 +1,10 @@
 """Exceptions and texts. The text of an error is one line: what is wrong, where, what to do."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 # A text longer than both numbers of characters together is cut to its beginning and its end.
 # Chosen: 11 to 12 lines of a terminal with 80 columns.
 _HEAD_CHARS, _TAIL_CHARS = 600, 300
@@ -51,3 +56,21 @@ class NoModelError(ModelError):
 
 class MapFileError(HoidError):
     """A map file cannot be read, written or used."""
+
+
+@contextmanager
+def replaced_by(error: HoidError, *causes: type[Exception]) -> Iterator[None]:
+    """Raise `error` in place of an exception of one of the types `causes`."""
+    try:
+        yield
+    except causes as cause:
+        raise error from cause
+
+
+@contextmanager
+def prefixed(prefix: str, kind: type[HoidError], *causes: type[Exception]) -> Iterator[None]:
+    """Raise `kind` in place of an exception of the types `causes`; its text follows `prefix`."""
+    try:
+        yield
+    except causes as cause:
+        raise kind(f'{prefix}{getattr(cause, "strerror", None) or cause}') from cause

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from hoid_common.errors import ConfigError, HoidError, InputError, counted
+from hoid_common.errors import ConfigError, HoidError, InputError, counted, prefixed, replaced_by
 
 
 @pytest.mark.parametrize('text', ['a: b "\u00e9t\u00e9"', '', 'x' * 900])
@@ -33,3 +33,19 @@ def test_an_error_can_wrap_another_error() -> None:
 @pytest.mark.parametrize(('number', 'text'), [(0, '0 maps'), (1, '1 map'), (2, '2 maps')])
 def test_a_noun_after_one_is_singular(number: int, text: str) -> None:
     assert counted(number, 'map') == text
+
+
+def test_another_exception_becomes_an_error_with_its_cause() -> None:
+    number = InputError('a.txt: no number')
+    with pytest.raises(InputError) as caught, replaced_by(number, ValueError, KeyError):
+        float('x')
+    assert caught.value is number
+    assert isinstance(number.__cause__, ValueError)
+    full = OSError(28, 'disk full', 'b.txt')
+    with (
+        pytest.raises(InputError, match=r'^a\.txt: disk full$'),
+        prefixed('a.txt: ', InputError, OSError),
+    ):
+        raise full
+    with pytest.raises(ZeroDivisionError), prefixed('', InputError, OSError):
+        raise ZeroDivisionError

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.coco import COCO
-from hoid_common.errors import ConfigError, MessageError, ModelError
+from hoid_common.errors import ConfigError, MessageError, ModelError, prefixed
 from hoid_common.values import BoolArray, ByteArray, Detections, Float32Array, IntArray
 from hoid_detector.config import DetectorConfig
 from hoid_detector.expected_objects import confirmed_rows
@@ -120,7 +119,7 @@ class OnnxDetector:
         self, outputs: Sequence[NDArray[Any]], size_wh: Size
     ) -> tuple[Candidates, Candidates]:
         """Return candidates that reach `score_threshold`, and weaker ones if they are used."""
-        with _named(self.network):
+        with prefixed(f'{self.network.path}: ', ModelError, ModelError):
             least, weakest = self.config.score_threshold, self.config.expected_score_threshold
             found = self.layout.decode(outputs, size_wh, min(least, weakest or least))
             highest = float(np.nanmax(found.scores, initial=0))
@@ -203,7 +202,7 @@ def _layout_and_class_names(
         size_wh, network.output_names, outputs, network.metadata, names,
         config.class_ids, network.takes_size,
     )  # fmt: skip
-    with _named(network):
+    with prefixed(f'{network.path}: ', ModelError, ModelError):
         layout = recognize(probe, config.layout)
         if names is None and layout.num_classes not in (None, len(COCO)):
             raise ModelError(
@@ -211,14 +210,6 @@ def _layout_and_class_names(
             )
         names = with_person(COCO if names is None else names, config.person_names)
     return layout._replace(preprocessing=_overridden(layout.preprocessing, config)), names
-
-
-@contextmanager
-def _named(network: Network) -> Iterator[None]:
-    try:
-        yield
-    except ModelError as error:
-        raise ModelError(f'{network.path}: {error}') from error
 
 
 def _overridden(preprocessing: Preprocessing, config: DetectorConfig) -> Preprocessing:

@@ -16,7 +16,7 @@ from evo.core.sync import SyncException, associate_trajectories
 from evo.core.trajectory import PoseTrajectory3D
 
 from hoid_common import se3
-from hoid_common.errors import InputError
+from hoid_common.errors import InputError, replaced_by
 from hoid_common.values import NS_PER_S, BoolArray, FloatArray, IntArray, Trajectory
 
 ASSOCIATION_S = 0.02
@@ -59,21 +59,18 @@ def align(estimate: Trajectory, truth: Trajectory) -> AlignedTrajectory:
     fewest = min(len(estimate), len(truth))
     if fewest < MIN_POSES:
         raise InputError(f'a trajectory has {fewest} poses, but an evaluation needs {MIN_POSES}')
-    try:
+    with replaced_by(InputError(_no_overlap(estimate, truth, 0)), SyncException):
         true, moved = associate_trajectories(
             _to_evo(truth), _to_evo(estimate), max_diff=ASSOCIATION_S
         )
-    except SyncException as error:
-        raise InputError(_no_overlap(estimate, truth, 0)) from error
     if moved.num_poses < MIN_POSES:
         raise InputError(_no_overlap(estimate, truth, moved.num_poses))
-    try:
+    problem = InputError(
+        'trajectories on one line or point cannot be aligned: use a recording in which '
+        'the camera moves in two directions at least'
+    )
+    with replaced_by(problem, GeometryException):
         R, t, _ = moved.align(true)
-    except GeometryException as error:
-        raise InputError(
-            'trajectories on one line or point cannot be aligned: use a recording in which '
-            'the camera moves in two directions at least'
-        ) from error
     ape = APE(PoseRelation.translation_part)
     ape.process_data((true, moved))
     T_world_map = np.eye(4)

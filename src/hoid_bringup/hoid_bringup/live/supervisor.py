@@ -26,7 +26,7 @@ from typing import IO, Self
 import psutil
 
 from hoid_common.errors import InputError
-from hoid_common.io.files import write_error
+from hoid_common.io.files import written
 from hoid_common.process.entry import EXIT_CONFIG
 
 _LOG = logging.getLogger(__name__)
@@ -239,13 +239,11 @@ class Supervisor:
     def _log_file(self, name: str) -> contextlib.AbstractContextManager[IO[bytes] | None]:
         if self._log_dir is None:
             return contextlib.nullcontext()
-        try:
+        with written(self._log_dir):
             self._log_dir.mkdir(parents=True, exist_ok=True)
             log = self._log_path(name).open('ab')
             self._read_bytes.setdefault(name, log.tell())
             return log
-        except OSError as error:
-            raise write_error(self._log_dir, error) from error
 
     def _log_path(self, name: str) -> Path:
         return (self._log_dir or Path()) / f'{name}.log'

@@ -21,7 +21,7 @@ from hoid_bags.sequence import Sequence
 from hoid_bags.tum.association import MAX_PAIR_GAP_NS
 from hoid_bringup.run.no_detector import MOTION
 from hoid_bringup.run.run_config import SHORT_NAMES, TRUTH, RunConfig
-from hoid_common.errors import ConfigError, InputError
+from hoid_common.errors import ConfigError, InputError, prefixed
 from hoid_common.io.files import scratch_folder
 from hoid_common.io.yaml_file import parse_yaml
 from hoid_common.values import NS_PER_S
@@ -156,8 +156,6 @@ def _assignment(text: str) -> tuple[str, Any]:
     name, sign, value_text = text.partition('=')
     if not sign:
         raise ConfigError(f'--set {text}: expected NAME=VALUE')
-    try:
+    with prefixed('', ConfigError, InputError):
         value = parse_yaml(value_text, f'--set {name}')
-    except InputError as error:
-        raise ConfigError(str(error)) from error
     return name, tuple(value) if isinstance(value, list) else value

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from hoid_common.errors import ConfigError, MessageError
+from hoid_common.errors import ConfigError, MessageError, prefixed
 from hoid_common.values import DISTORTION_MODELS, EQUIDISTANT, CameraModel
 
 _RECTIFIED = re.compile('(^|[/_])rect', re.IGNORECASE)
@@ -56,15 +56,13 @@ def camera_from_info(info: RawCameraInfo, image_topic: str = '') -> CameraModel:
     bin_x, bin_y, roi = max(info.binning_x, 1), max(info.binning_y, 1), info.roi
     width_px, height_px = roi.width or info.width, roi.height or info.height
     cx, cy = cx - roi.x_offset, cy - roi.y_offset
-    try:
+    with prefixed('camera_info: ', MessageError, ConfigError):
         return CameraModel(
             int(width_px) // bin_x, int(height_px) // bin_y,
             fx / bin_x, fy / bin_y, cx / bin_x, cy / bin_y,
             distortion if any(distortion) else (),
             bool(any(distortion) and info.distortion_model == EQUIDISTANT),
         )  # fmt: skip
-    except ConfigError as error:
-        raise MessageError(f'camera_info: {error}') from error
 
 
 def is_rectified(image_topic: str) -> bool:

@@ -22,6 +22,15 @@ def write_error(path: Path, error: OSError) -> InputError:
 
 
 @contextmanager
+def written(path: Path) -> Iterator[None]:
+    """Raise InputError, which names `path`, in place of an OSError."""
+    try:
+        yield
+    except OSError as error:
+        raise write_error(path, error) from error
+
+
+@contextmanager
 def scratch_folder(within: Path, purpose: str) -> Iterator[Path]:
     """Yield a new hidden folder, which is removed with its content at the end of the block.
 
@@ -31,11 +40,9 @@ def scratch_folder(within: Path, purpose: str) -> Iterator[Path]:
     cannot be created.
     """
     with ExitStack() as stack:
-        try:
+        with written(within):
             stack.enter_context(_made(within))
             folder = Path(tempfile.mkdtemp(prefix=f'.{purpose}{_PARTIAL}', dir=within))
-        except OSError as error:
-            raise write_error(within, error) from error
         stack.callback(shutil.rmtree, folder, ignore_errors=True)
         stack.enter_context(_locked(folder))
         yield folder
@@ -48,22 +55,17 @@ def staged(folder: Path, target: Path | None = None) -> Iterator[Path]:
     If the block raises an error, `folder` stays unchanged. InputError, which names `target` (by
     default `folder`), if the files cannot be written.
     """
-    try:
-        with scratch_folder(folder, 'results') as stage:
-            yield stage
-            for path in sorted(stage.iterdir()):
-                path.replace(folder / path.name)
-    except OSError as error:
-        raise write_error(target or folder, error) from error
+    with written(target or folder), scratch_folder(folder, 'results') as stage:
+        yield stage
+        for path in sorted(stage.iterdir()):
+            path.replace(folder / path.name)
 
 
 def write_file(path: Path, data: bytes) -> None:
     """Write a file, and create its folder if it is missing; InputError if this fails."""
-    try:
+    with written(path):
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_bytes(data)
-    except OSError as error:
-        raise write_error(path, error) from error
 
 
 @contextmanager

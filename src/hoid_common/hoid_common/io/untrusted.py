@@ -7,7 +7,7 @@ import stat
 from pathlib import Path
 from typing import BinaryIO
 
-from hoid_common.errors import ConfigError, InputError
+from hoid_common.errors import ConfigError, InputError, replaced_by
 
 MAX_TEXT_BYTES = 64_000_000
 """Largest text file. Chosen: a list of half a million images (five hours) is a quarter as long."""
@@ -30,10 +30,8 @@ def read_bytes(path: Path, limit_bytes: int) -> bytes:
 
 def read_text(path: Path, limit_bytes: int = MAX_TEXT_BYTES) -> str:
     """Return the content of a UTF-8 text file of at most `limit_bytes`; else InputError."""
-    try:
+    with replaced_by(InputError(f'{path}: not a text file'), UnicodeDecodeError):
         return read_bytes(path, limit_bytes).decode('utf-8-sig')
-    except UnicodeDecodeError as error:
-        raise InputError(f'{path}: not a text file') from error
 
 
 def open_regular(path: Path) -> BinaryIO:

@@ -13,7 +13,7 @@ from typing import Any, ClassVar, cast
 
 import yaml
 
-from hoid_common.errors import ConfigError, InputError
+from hoid_common.errors import ConfigError, InputError, prefixed
 from hoid_common.io.untrusted import read_text
 
 # Chosen, not tuned: a file beyond these limits is refused. Files of parameters, cameras or plans
@@ -135,10 +135,8 @@ def load_params(path: Path, node_name: str) -> dict[str, Any]:
     Sections are `/**` and those of the node's name, in any namespace; later sections override
     earlier ones. Lists become tuples. ConfigError if it is not a parameter file.
     """
-    try:
+    with prefixed('', ConfigError, InputError):
         content = read_yaml(path)
-    except InputError as error:
-        raise ConfigError(str(error)) from error
     if not isinstance(content, Mapping):
         raise ConfigError(f'{path}: is not a ROS parameter file')
     values: dict[str, Any] = {}

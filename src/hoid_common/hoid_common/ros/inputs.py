@@ -17,7 +17,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
 from hoid_common import topics
-from hoid_common.errors import HoidError, MessageError
+from hoid_common.errors import HoidError, MessageError, prefixed
 from hoid_common.inputs.input_config import AUTO, BEST_EFFORT, RELIABLE, InputConfig
 from hoid_common.inputs.input_watch import InputWatch
 from hoid_common.io.camera_info import rectification_doubt
@@ -133,10 +133,9 @@ class Inputs:
             return
 
         def on_compressed(msg: CompressedImage) -> None:
-            try:
+            # The topic is named, because which plugin has compressed the images is unknown.
+            with prefixed(f'{full_name}: ', MessageError, MessageError):
                 callback(msg)
-            except MessageError as error:  # which plugin has compressed the images is unknown
-                raise MessageError(f'{full_name}: {error}') from error
 
         self.messages(CompressedImage, topic, on_compressed, what)
 

@@ -22,7 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.time_source import TimeSource
 from rosgraph_msgs.msg import Clock
 
-from hoid_common.errors import ConfigError, HoidError
+from hoid_common.errors import ConfigError, HoidError, prefixed
 from hoid_common.log_throttle import LogThrottle
 from hoid_common.process.entry import EXIT_CONFIG, EXIT_FAILED, EXIT_INTERRUPTED
 from hoid_common.process.signals import FAILURE_SIGNAL, NODE_END_SIGNALS
@@ -68,12 +68,10 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
 
 
 def _init(args: Sequence[str] | None) -> None:
-    try:
+    with prefixed('', ConfigError, RuntimeError):  # rclpy's RCLError
         # rclpy's own handlers shut down the context in another thread while this one destroys the
         # node. Of 1200 exits with them, one crashed and three printed an error.
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # rclpy's RCLError
-        raise ConfigError(str(error)) from error
 
 
 def _run(make_node: Callable[[], Node], interrupt: _Interrupt) -> int:

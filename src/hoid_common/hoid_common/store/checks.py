@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common import se3
-from hoid_common.errors import InputError, MapFileError
+from hoid_common.errors import InputError, MapFileError, prefixed
 from hoid_common.io.untrusted import open_regular
 from hoid_common.store.table import Table
 from hoid_common.values import FloatArray
@@ -51,13 +51,12 @@ def are_poses(T: FloatArray) -> bool:
 
 def check_header(path: Path) -> None:
     """Check without SQLite that a file is a map of this version, else raise MapFileError."""
-    try:
-        with open_regular(path) as file:
-            header = file.read(_HEADER_BYTES)
-    except InputError as error:
-        raise MapFileError(str(error)) from error
-    except OSError as error:
-        raise MapFileError(f'{path}: cannot be read: {error.strerror}') from error
+    with (
+        prefixed('', MapFileError, InputError),
+        prefixed(f'{path}: cannot be read: ', MapFileError, OSError),
+        open_regular(path) as file,
+    ):
+        header = file.read(_HEADER_BYTES)
     if header.startswith(_ZIP):
         raise MapFileError(
             f'{path}: is a map of version 0.3 or earlier, which this version does not read: map '

@@ -15,7 +15,7 @@ from contextlib import ExitStack, closing, contextmanager, suppress
 from pathlib import Path
 from typing import Any, Self
 
-from hoid_common.errors import MapFileError
+from hoid_common.errors import MapFileError, prefixed
 from hoid_common.io.files import scratch_folder
 from hoid_common.store.checks import APPLICATION_ID, VERSION, check_content, check_header
 from hoid_common.store.table import Table
@@ -57,10 +57,8 @@ class Database:
         The database has no journal: if the process is killed, the file is useless. `replaced` or
         `start` renames it to its final name once it is complete.
         """
-        try:
+        with prefixed(f'{path}: cannot be written: ', MapFileError, OSError):
             path.touch(exist_ok=False)
-        except OSError as error:
-            raise MapFileError(f'{path}: cannot be written: {error.strerror}') from error
         with _connected(path, 'rw') as connection:
             connection.execute(f'PRAGMA page_size = {_PAGE_BYTES}')
             connection.execute('PRAGMA journal_mode = OFF')
@@ -220,19 +218,17 @@ def replaced(path: Path) -> Iterator[Path]:
             yield aside
         except MapFileError as error:
             raise MapFileError(str(error).replace(str(aside), str(path))) from error
-        try:
+        with prefixed(f'{path}: cannot be written: ', MapFileError, OSError):
             with aside.open('rb') as file:
                 os.fsync(file.fileno())
             aside.replace(path)
             _sync_folder(path.parent)
-        except OSError as error:
-            raise MapFileError(f'{path}: cannot be written: {error.strerror}') from error
 
 
 def kept(path: Path, name: Path) -> Path:
     """Rename an unused database with its journal; append -2, -3 ... if the name is taken."""
     new, number = name, 1
-    try:
+    with prefixed(f'{path}: cannot be renamed: ', MapFileError, OSError):
         while not _is_reserved(new):
             number += 1
             new = name.with_name(f'{name.stem}-{number}{name.suffix}')
@@ -241,8 +237,6 @@ def kept(path: Path, name: Path) -> Path:
                 old.rename(side)
         path.replace(new)
         _sync_folder(path.parent)
-    except OSError as error:
-        raise MapFileError(f'{path}: cannot be renamed: {error.strerror}') from error
     return new
 
 

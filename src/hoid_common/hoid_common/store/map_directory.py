@@ -9,7 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple, TypeVar
 
-from hoid_common.errors import InputError
+from hoid_common.errors import InputError, prefixed
 from hoid_common.io.files import abandoned_scratch_folders, staged
 from hoid_common.io.untrusted import expand_home
 from hoid_common.store.database import SUFFIX
@@ -51,10 +51,8 @@ def path_in(directory: str, name: str, kind: FileKind) -> Path:
     if len(file_name.encode()) > _MAX_BYTES:
         raise InputError(f'"{printable(name)}" is too long a name: {_MAX_BYTES} bytes at most')
     folder = expand_home(directory, 'map_directory')
-    try:
+    with prefixed(f'{folder}: cannot be created: ', InputError, OSError):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f'{folder}: cannot be created: {error.strerror}') from error
     path = folder / file_name
     if path.is_symlink():
         raise InputError(f'{path} is a link that may lead out of the folder; use another name')

@@ -7,7 +7,7 @@ import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 
-from hoid_common.errors import InputError, ModelError
+from hoid_common.errors import InputError, ModelError, prefixed
 from hoid_common.io.untrusted import expand_home, read_text
 from hoid_common.io.yaml_file import parse_yaml
 from hoid_common.values import PERSON
@@ -45,10 +45,8 @@ def is_background(name: str) -> bool:
 
 def names_in_file(path: Path) -> tuple[str, ...]:
     """Return the names in a text file with one name per line; ModelError if it is unusable."""
-    try:
+    with prefixed('class_names_file ', ModelError, InputError):
         text = read_text(path, _MAX_FILE_BYTES)
-    except InputError as error:
-        raise ModelError(f'class_names_file {error}') from error
     names = tuple(line.strip() for line in text.rstrip().splitlines())
     if not names:
         raise ModelError(f'class_names_file {path} is empty: write one class name a line')

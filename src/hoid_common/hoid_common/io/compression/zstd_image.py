@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 from backports.zstd import ZstdDecompressor, ZstdError
 
-from hoid_common.errors import MessageError
+from hoid_common.errors import MessageError, replaced_by
 from hoid_common.values import MAX_PIXELS
 
 ZSTD_FORMAT = 'zstd'
@@ -48,11 +48,10 @@ def stored_head(data: bytes) -> StoredImage:
 def stored_image(data: bytes) -> StoredImage:
     head = stored_head(data)
     most = 3 * head.step * head.height  # NV24 has three times as many rows as the image
-    try:
+    problem = MessageError(f'zstd image of {len(data)} bytes cannot be unpacked')
+    with replaced_by(problem, zlib.error, ZstdError, EOFError):
         if head.data[:2] == _GZIP or head.data[:1] == b'\x78':
             pixels = zlib.decompressobj(_ANY_ZLIB).decompress(head.data, most)
         else:
             pixels = ZstdDecompressor().decompress(head.data, most)
-    except (zlib.error, ZstdError, EOFError) as error:
-        raise MessageError(f'zstd image of {len(data)} bytes cannot be unpacked') from error
     return replace(head, data=pixels)

@@ -11,7 +11,7 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import Header
 
-from hoid_common.errors import MessageError
+from hoid_common.errors import MessageError, replaced_by
 from hoid_common.io import images
 from hoid_common.io.compression import compressed_images
 from hoid_common.ros.conversions.arrays import bytes_field
@@ -121,13 +121,12 @@ class ReceivedImage(NamedTuple):
 
 def image_from_cdr(serialized: bytes) -> ReceivedImage:
     """Return the sensor_msgs/Image in serialized bytes (CDR); MessageError if they are invalid."""
-    try:
+    problem = MessageError(f'{len(serialized)} bytes are no sensor_msgs/Image')
+    with replaced_by(problem, SerdeError):
         image = cast(
             'Any', _TYPES.deserialize_cdr(memoryview(serialized), 'sensor_msgs/msg/Image')
         )
         stamp = Time(sec=image.header.stamp.sec, nanosec=image.header.stamp.nanosec)
-    except SerdeError as error:
-        raise MessageError(f'{len(serialized)} bytes are no sensor_msgs/Image') from error
     return ReceivedImage(
         Header(stamp=stamp, frame_id=image.header.frame_id),
         image.height,

@@ -14,7 +14,7 @@ from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker
 
 from hoid_common import se3
-from hoid_common.errors import ConfigError, MessageError
+from hoid_common.errors import ConfigError, MessageError, prefixed
 from hoid_common.messages import stamp_from_msg
 from hoid_common.poses.keyframe_poses import (
     KeyframePoses,
@@ -188,13 +188,11 @@ def _camera_fields(camera: CameraModel | None) -> dict[str, Any]:
 def _camera(msg: KeyframePosesMsg) -> CameraModel | None:
     if msg.image_width == 0:
         return None
-    try:
+    with prefixed('keyframe_poses: ', MessageError, ConfigError, ValueError):
         size_px = msg.image_width, msg.image_height
         fx_px, fy_px, cx_px, cy_px, *distortion = msg.camera
         lens = tuple(distortion), msg.is_fisheye
         return CameraModel(*size_px, fx_px, fy_px, cx_px, cy_px, *lens)
-    except (ConfigError, ValueError) as error:
-        raise MessageError(f'keyframe_poses: {error}') from error
 
 
 def _transforms(rows: FloatArray) -> FloatArray:
