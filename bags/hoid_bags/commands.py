@@ -40,8 +40,8 @@ def add_convert_arguments(parser: argparse.ArgumentParser) -> None:
 def convert_command(args: argparse.Namespace) -> None:
     """Convert a recording to a bag, and print the summary of the bag.
 
-    The messages of a bag are copied as they are. HoidError as in `convert` and `copy_bag`, or at
-    the end if the bag is damaged.
+    A recording that is a bag itself is copied by `copy_bag` with `expand`. HoidError as in
+    `convert` and `copy_bag`, or at the end if that bag is damaged.
     """
     fault = None
     config = config_from(args, ConvertConfig, depth_units_per_m=depth_units_per_m(args) or 0.0)

@@ -45,7 +45,7 @@ def copy_bag(
     """Copy all readable messages to a new MCAP bag; return a line about damage, or None.
 
     The copy of a ROS 1 bag has ROS 2 messages. Topics whose types ROS 2 lacks are left out with a
-    warning. With `expand`, the images of videos and RGBD messages replace these messages.
+    warning. With `expand`, video and RGBD messages are replaced by the messages inside them.
     InputError if nothing can be read, the definition of a message type is unknown, or the new bag
     exists already or cannot be written.
     """

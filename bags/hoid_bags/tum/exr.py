@@ -75,7 +75,7 @@ def _unpacked(block: bytes, size: int) -> ByteArray:
 
 
 def _header(data: bytes, name: object) -> tuple[dict[str, bytes], int]:
-    """Return the attributes, and the position of the table of blocks."""
+    """Return attributes by name, and the byte offset of the block table; InputError if invalid."""
     version = int.from_bytes(data[4:8], 'little')
     if data[:4] != _MAGIC or version & _NOT_SCAN_LINES:
         raise InputError(f'{name}: no EXR image of scan lines')

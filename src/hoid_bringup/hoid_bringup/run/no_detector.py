@@ -17,9 +17,9 @@ NO_DETECTOR = (
 
 
 def has_model() -> bool:
-    """Return whether a default detector model is found, or can be downloaded into the cache.
+    """Return whether there is a default detector model; if none is found, try to download it.
 
-    ModelError if HOID_MODEL names a missing model, or a download has another digest.
+    ModelError if HOID_MODEL names a missing model, or the download has a wrong digest.
     """
     try:
         find_model()

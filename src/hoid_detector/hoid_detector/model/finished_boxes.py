@@ -192,7 +192,7 @@ class FinishedDecoder:
         return rows
 
     def learn(self, table: Float32Array, threshold: float) -> None:
-        """Exclude the formats that do not fit a table (N, C); ModelError if none fits."""
+        """Drop formats that a table (N, C) refutes; set `normalized`; ModelError if none fits."""
         orders = dict.fromkeys(table_format.order for table_format in self.formats)
         plausible = {
             order: found

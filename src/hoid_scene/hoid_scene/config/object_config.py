@@ -18,7 +18,7 @@ class ObjectTrackerConfig(Config):
         default=True,
         description='Whether to track people and objects in 3-D and to publish them on '
         'tracked_objects and people. Set it to false to save time if neither these topics, '
-        'navigation.enabled nor the handlers of mapped objects are needed.',
+        'navigation.enabled nor the people who handle mapped objects are needed.',
     )
     rate_hz: float = param(
         10.0,

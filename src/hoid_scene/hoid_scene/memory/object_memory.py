@@ -85,7 +85,7 @@ class ObjectMemory:
             self._names = self._state = None
 
     def put_picture(self, crop_bgr: ByteArray, rank: float, stamp_ns: int) -> None:
-        """Keep a part (H, W, 3) of an image as the picture of the object, with its rank."""
+        """Keep a crop (H, W, 3) as the object's picture; `rank`: how well it shows the object."""
         self.jpeg, self._rank, self.picture_ns = _small_jpeg(crop_bgr), rank, stamp_ns
         self._state = None
 

@@ -92,7 +92,7 @@ class ObjectMapState(Record):
         apart: Iterable[tuple[int, int]] = (),
         next_id: int = 1,
     ) -> ObjectMapState:
-        """Return the record of the objects whose anchors are saved."""
+        """Return the record of those objects whose anchor keyframe is in `keyframe_uids`."""
         saved = set(keyframe_uids.tolist())
         kept = [item for item in objects if item.surface.place.uid in saved]
         surfaces, evidence = [item.surface for item in kept], [item.evidence for item in kept]

@@ -40,7 +40,7 @@ class ConsensusConfig(Config):
     max_cost_increase: ClassVar[float] = 0.15
     # A region biases the pose if the cost of all other points falls by at least this ratio when
     # the pose is estimated without the region (decision 036). With 1 % and 5 %, the error on
-    # slow-6 is larger.
+    # the synthetic sequence slow-6 is larger.
     min_cost_decrease: ClassVar[float] = 0.025
     # Constant that the difference of two costs must exceed in addition to `max_cost_increase` or
     # `min_cost_decrease`. Not tuned. On fr1_xyz, where nothing moves, leaving a region out changes

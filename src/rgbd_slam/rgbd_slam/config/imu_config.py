@@ -14,12 +14,12 @@ class ImuConfig(Config):
     gyro: bool = param(
         default=True,
         description='Whether a gyro predicts how the camera turns, and continues its pose for up '
-        'to 1.5 s while images fail.',
+        'to 1.5 s while tracking fails.',
         expert=True,
     )
     prior: bool = param(
         default=True,
-        description='Whether the gyro also constrains the rotation of tracked images.',
+        description='Whether the gyro also constrains the rotation of tracked poses.',
         expert=True,
     )
     integrate: bool = param(
@@ -30,8 +30,8 @@ class ImuConfig(Config):
     )
     level: bool = param(
         default=True,
-        description='Whether an accelerometer makes z of the map frame point up, except with '
-        'frames.planar and frames.base. A saved map keeps its own frame.',
+        description="Whether an accelerometer makes the map frame's z point up, unless "
+        'frames.planar and frames.base are set. A loaded map keeps its frame.',
         expert=True,
     )
     calibration: str = param(

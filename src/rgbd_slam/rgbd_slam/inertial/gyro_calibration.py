@@ -135,14 +135,14 @@ def _are_covered(stamps_ns: IntArray, low_ns: IntArray, high_ns: IntArray) -> Bo
 
 
 class _Steps(NamedTuple):
-    """M tracked rotations between successive images, and integrals of the gyro up to N samples."""
+    """M tracked rotations, each from an image to the next one, and N gyro samples, integrated."""
 
-    first_s: FloatArray  # (M,)
-    second_s: FloatArray  # (M,)
+    first_s: FloatArray  # (M,) stamps of the first images, since the first one of all
+    second_s: FloatArray  # (M,) stamps of the second images
     tracked_rad: FloatArray  # (M, 3) rotation vectors in the camera frame
     weight: FloatArray  # (M,) from 0 to 1; small for tracked rotations with large residuals
-    known_s: FloatArray  # (N,)
-    sums_rad: FloatArray  # (N, 3)
+    known_s: FloatArray  # (N,) stamps of the samples
+    sums_rad: FloatArray  # (N, 3) integrals of the rates up to each sample, in the IMU frame
 
     @property
     def time_s(self) -> FloatArray:

@@ -44,11 +44,11 @@ class KeyframeRequest:
 class Mapper:
     """Owns the map, inserts keyframes into it, and refines it.
 
-    It uses two cameras that differ only in their noise (decision 003). Creating, fusing and
-    culling points hardly depends on the noise and uses the configured camera, as does loop
-    closing, which measures the noise itself. Local bundle adjustment weights residuals by the
-    noise that the tracker has measured. With `background`, global adjustment runs in a separate
-    process.
+    It uses two camera models that differ only in their noise (decision 003). Creating, fusing and
+    culling points hardly depends on the noise and uses the configured model, as does loop closing,
+    which measures the noise itself. Local bundle adjustment uses the model with the noise that the
+    tracker has measured, to weight residuals. With `background`, global adjustment runs in a
+    separate process.
     """
 
     def __init__(

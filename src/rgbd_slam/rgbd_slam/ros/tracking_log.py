@@ -14,7 +14,7 @@ _PERIOD_S = 10.0  # chosen: often enough to see that the node works, without too
 
 
 class TrackingLog:
-    """Logs changes of the tracking state, and every 10 s the rate and duration of tracking."""
+    """Logs changes of the tracking state, and every 10 s tracked images/s and ms per image."""
 
     def __init__(self, node: Node) -> None:
         self._logger = node.get_logger()
