@@ -10,7 +10,6 @@ import signal
 import sys
 import time
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from threading import Event, Thread
 from types import FrameType
 
@@ -79,7 +78,6 @@ def _run(make_node: Callable[[], Node], interrupt: _Interrupt) -> int:
     executor = SteadyExecutor()
     try:
         node = make_node()
-        _let_middleware_wait_its_turn()
         interrupt.is_node_made = True
         executor.add_node(node)
         return _spin(executor, interrupt)
@@ -148,17 +146,6 @@ def _reduce_processor_load() -> None:
         glibc = ctypes.CDLL('libc.so.6')
         for option in (_M_MMAP_THRESHOLD, _M_TRIM_THRESHOLD):
             glibc.mallopt(option, _KEPT_BYTES)
-
-
-def _let_middleware_wait_its_turn() -> None:
-    """Give the threads of Fast DDS the policy SCHED_BATCH, so that they do not preempt others.
-
-    They wake up for each of the 24 parts of an image. Their priority is unchanged (decision 016).
-    """
-    for task in Path('/proc/self/task').iterdir():
-        with contextlib.suppress(OSError):  # a thread that has ended, or a kernel that refuses
-            if (task / 'comm').read_text().startswith('dds.'):
-                os.sched_setscheduler(int(task.name), os.SCHED_BATCH, os.sched_param(0))
 
 
 def _spin(executor: SteadyExecutor, interrupt: _Interrupt) -> int:
