@@ -31,7 +31,7 @@ _STRAY_POSE_COLUMNS, _STRAY_IMU_COLUMNS = 9, 7
 
 
 def record3d_camera(folder: Path) -> FolderCamera:
-    """Return the camera of metadata.json (K column by column) for color at a multiple of depth."""
+    """Return the camera in metadata.json, for color scaled to a multiple of the depth size."""
     path = folder / 'metadata.json'
     found = listing.read_json(path)
     size_px = [listing.json_number(path, found, name) for name in ('w', 'h')]

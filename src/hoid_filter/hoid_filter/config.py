@@ -80,9 +80,9 @@ class PlusConfig(Config):
     )
     doubt_in_turns: bool = param(
         default=True,  # decision 050
-        description='Whether hoid+ ignores every person with a score below 0.5 until the fourth '
-        'detection in a row while the camera turns faster than 0.5 rad/s, and then predicts no '
-        'missed boxes. It has no effect without motion.enabled.',
+        description='Whether hoid+, while the camera turns faster than 0.5 rad/s, predicts no box '
+        'that the detector missed, and ignores every person with a score below 0.5 until the '
+        'fourth detection in a row. It has no effect without motion.enabled.',
         read_only=False,
     )
     remember: bool = param(
@@ -199,9 +199,9 @@ class FilterConfig(Config):
     depth_limit_m: float = param(
         0.2,  # the HOID paper
         'Greatest depth difference between a person and an object that the person handles (m), '
-        'for hoid3d and hoid+, which allows 0.6 m in front of the person. Raise it when objects '
-        'at the end of an outstretched arm stay in the map; lower it when objects behind people '
-        'are removed.',
+        'for hoid3d, and for hoid+ if the object is behind the person (in front: 0.6 m). Raise it '
+        'when objects at the end of an outstretched arm stay in the map; lower it when objects '
+        'behind people are removed.',
         limits=(0.0, 10.0),
         read_only=False,
     )
@@ -243,8 +243,8 @@ class DetectionInputConfig(Config):
 
     wait_s: float = param(
         0.5,  # covers a detector that is late by up to 500 ms (decision 031)
-        'Longest time that an image waits for its detections before its dynamic objects are '
-        "final, and features for the detector's first message (s). Raise it, with "
+        "Longest time that an image's final classification waits for its detections, and that "
+        "features wait for the detector's first message (s). Raise it, with "
         'prediction_limit_s, for a slower detector.',
         limits=(0.0, 10.0),
         read_only=False,

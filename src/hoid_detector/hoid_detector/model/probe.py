@@ -55,7 +55,7 @@ class Probe:
 
     @property
     def table(self) -> NDArray[Any]:
-        """Return the only output, a table or a batch of one; ModelError for another shape."""
+        """Return the first output, of shape (A, B) or (1, A, B); ModelError for another shape."""
         output = self.outputs[0]
         self.require(output.ndim == 2 or (output.ndim == 3 and output.shape[0] == 1))
         return output

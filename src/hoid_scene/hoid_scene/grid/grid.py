@@ -71,7 +71,7 @@ class SubmapCells(NamedTuple):
 
     column_row: NDArray[np.int64]  # (M, 2), counted from the level frame's origin
     kinds: NDArray[np.uint8]  # (M,) flags of the kinds of voxels in the cell, see below
-    free_above: NDArray[np.uint16]  # (M,) bits of the height steps that are known to be free
+    free_above: NDArray[np.uint16]  # (M,) bit k: the k-th 5 cm above the floor are known free
 
 
 # Flags of a cell: it has a voxel of the floor, a voxel above the floor, and a voxel above the

@@ -26,7 +26,8 @@ _MANY_SIGHTINGS, _MISSING_LOOKS = 6, 4
 # relative loss by a missed detection and by a look that shows the place empty.
 _SEEN_GAIN, _MISSED_LOSS, _THROUGH_LOSS = 0.3, 0.03, 0.35
 _MAX_CLASSES = 8  # chosen: classes of an object that are kept
-_SAME_VIEW = np.cos(np.deg2rad(10.0))  # chosen: 17 cm to the side at a distance of 1 m
+# Chosen: directions to an object that differ less are one view (17 cm to the side at 1 m).
+_SAME_VIEW = np.cos(np.deg2rad(10.0))
 # Chosen: an object that was detected within this time is probably still in view; a detection with
 # at most this weight changes little.
 _IN_VIEW_NS, _LEAST_WEIGHT = NS_PER_S // 2, 1 / 16

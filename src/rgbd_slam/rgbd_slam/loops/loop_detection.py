@@ -276,7 +276,7 @@ class LoopDetector:
 
 
 def are_same_poses(T_camera_map: FloatArray, expected: FloatArray, points_m: FloatArray) -> bool:
-    """Return whether map points (N, 3) are at about the same place for two poses (4, 4)."""
+    """Return whether most map points (N, 3) have like camera coordinates in two poses (4, 4)."""
     a_m, b_m = (se3.transform(T, points_m) for T in (T_camera_map, expected))
     moved = np.linalg.norm(a_m - b_m, axis=1) / np.linalg.norm(b_m, axis=1)
     return bool(np.median(moved) < _SAME_SHARE)

@@ -101,5 +101,5 @@ class Redirects:
         return redirects
 
     def find(self, uid: int) -> Redirect | None:
-        """Return the redirect of a keyframe; None if it is not one of the latest 4096."""
+        """Return a keyframe's redirect; None if it is not one of the latest 4096 redirects."""
         return self._removed.get(uid)

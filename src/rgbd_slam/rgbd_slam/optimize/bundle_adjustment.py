@@ -28,7 +28,7 @@ class BundleProblem:
 
     A keyframe observes a point at most once. The outlier test uses `inv_sigma2` for u_right too.
     In the fit, the disparity u - u_right has its own variance, which follows from the camera's
-    noise, unless `joint_noise` is on.
+    noise, unless that camera has `joint_noise`.
     """
 
     T_camera_map: FloatArray  # (C, 4, 4) poses of the keyframes

@@ -45,7 +45,7 @@ class PoseProblem:
     """N matches of an image with landmarks, which are map points or depth measurements.
 
     The outlier test uses `inv_sigma2` for u_right too. In the fit, the disparity u - u_right has
-    its own variance, which follows from the camera's noise, unless `joint_noise` is on.
+    its own variance, which follows from the camera's noise, unless it has `joint_noise`.
     """
 
     points_m: FloatArray  # (N, 3) landmarks in the map frame

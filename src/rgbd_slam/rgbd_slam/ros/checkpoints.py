@@ -134,7 +134,7 @@ class Checkpoints:
             )
 
     def copy_to(self, path: Path) -> bool:
-        """Do as `CheckpointThread.copy_to`; return False if checkpoints are off."""
+        """Update and copy the stored map, as `CheckpointThread.copy_to`; False: none is stored."""
         return self._thread is not None and self._thread.copy_to(path)
 
     def discard(self) -> None:

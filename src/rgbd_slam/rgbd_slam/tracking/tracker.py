@@ -294,7 +294,7 @@ class Tracker:
     def _match_local_map(
         self, frame: Frame, initial: _FramePose, reference_uid: int
     ) -> _LocalMapMatches:
-        """Add matches with the local map, predicted by an initial pose, to the pose's inliers."""
+        """Match the local map as projected by an initial pose; keep the inliers of that pose."""
         known = initial.inliers.points
         local_map = find_local_map(
             self._atlas, known, reference_uid, self._config.max_local_keyframes
