@@ -163,7 +163,7 @@ def test_the_map_is_latched_for_late_subscribers(peer: Peer) -> None:
 
 
 def test_the_status_before_the_first_image_is_latched_for_late_subscribers(peer: Peer) -> None:
-    late = peer.probe.collect(SlamStatus, 'slam_status', qos.latched(1))
+    late = peer.probe.collect(SlamStatus, 'slam_status', qos.LATCHED)
     peer.probe.spin_until(lambda: bool(late), 'no latched message')
     assert late == peer.status[-1:]
 

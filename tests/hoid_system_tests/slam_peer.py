@@ -36,7 +36,8 @@ class SlamPeer:
 
     def __init__(self, probe: Probe) -> None:
         self.probe = probe
-        self.status = probe.collect(SlamStatus, 'slam_status', qos.latched(1000), wait=False)
+        every = qos.profile(1000, latched=True)
+        self.status = probe.collect(SlamStatus, 'slam_status', every, wait=False)
         self.tf = probe.collect(TFMessage, '/tf', qos.TF, wait=False)
         self.diagnostics = probe.collect(DiagnosticArray, '/diagnostics', wait=False)
         self.camera = probe.publisher(CameraInfo, 'rgb/camera_info')

@@ -18,6 +18,7 @@ from hoid_bags.storage.bag_types import message_class
 from hoid_common import topics
 from hoid_common.errors import ConfigError, InputError
 from hoid_common.ros.execution.executor import SteadyExecutor
+from hoid_common.ros.qos import profile
 
 RESULT_TOPICS = (
     topics.DETECTIONS,
@@ -137,11 +138,9 @@ class Recorder:
 
 def _matching_qos(publishers: list[TopicEndpointInfo]) -> QoSProfile:
     """Return the QoS profile with most guarantees that is compatible with every publisher."""
-    profiles = [publisher.qos_profile for publisher in publishers]
-    reliable = all(p.reliability == ReliabilityPolicy.RELIABLE for p in profiles)
-    latched = all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in profiles)
-    return QoSProfile(
-        depth=_QUEUE_DEPTH,
-        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    offered = [publisher.qos_profile for publisher in publishers]
+    return profile(
+        _QUEUE_DEPTH,
+        reliable=all(p.reliability == ReliabilityPolicy.RELIABLE for p in offered),
+        latched=all(p.durability == DurabilityPolicy.TRANSIENT_LOCAL for p in offered),
     )

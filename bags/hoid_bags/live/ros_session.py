@@ -17,6 +17,7 @@ from hoid_common import topics
 from hoid_common.errors import ConfigError, replaced_by
 from hoid_common.process.shared_memory import restrict_segments, shared_memory_problem
 from hoid_common.process.signals import interrupt_on_termination
+from hoid_common.ros.qos import profile
 from hoid_common.ros.run import limit_exit_time
 
 _DEFAULT_DEPTH = 10  # queue length if the profile of a topic in the bag has none; rclpy's default
@@ -53,12 +54,10 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
 def to_rclpy_qos(qos: Qos | None) -> QoSProfile:
     """Return the rclpy profile of a bag's QoS profile; None gives the reliable default."""
     qos = qos or reliable_qos()
-    is_weak = qos.reliability == QosReliability.BEST_EFFORT
-    latched = qos.durability == QosDurability.TRANSIENT_LOCAL
-    return QoSProfile(
-        depth=qos.depth or _DEFAULT_DEPTH,
-        reliability=ReliabilityPolicy.BEST_EFFORT if is_weak else ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    return profile(
+        qos.depth or _DEFAULT_DEPTH,
+        reliable=qos.reliability != QosReliability.BEST_EFFORT,
+        latched=qos.durability == QosDurability.TRANSIENT_LOCAL,
     )
 
 

@@ -62,7 +62,7 @@ class LiveRecorder:
         # Latched, because the status before the first image is published only once, perhaps before
         # this subscription is discovered.
         node.create_subscription(
-            SlamStatus, topics.SLAM_STATUS, self._on_status, qos.latched(_QUEUE)
+            SlamStatus, topics.SLAM_STATUS, self._on_status, qos.profile(_QUEUE, latched=True)
         )
 
     def _listen(

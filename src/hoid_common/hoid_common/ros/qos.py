@@ -7,36 +7,25 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from hoid_common.inputs.input_config import RELIABLE
 
 
-def latched(depth: int) -> QoSProfile:
+def profile(depth: int, *, reliable: bool = True, latched: bool = False) -> QoSProfile:
+    """Return the profile of a queue of `depth` messages; latched: transient-local durability."""
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
         depth=depth,
-        reliability=ReliabilityPolicy.RELIABLE,
-        durability=DurabilityPolicy.TRANSIENT_LOCAL,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )
 
 
 # QoS of results. The depths are chosen: 10 messages are a third of a second at 30 Hz; tf2 uses 100
 # for /tf.
-OUTPUT = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=10, reliability=ReliabilityPolicy.RELIABLE
-)
-STATE = latched(OUTPUT.depth)  # results that stay valid until the next message
-LATCHED = latched(1)  # maps and paths, of which each message replaces the previous one
-TF = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=100, reliability=ReliabilityPolicy.RELIABLE)
-TF_STATIC = latched(100)
-CLOCK = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST, depth=1, reliability=ReliabilityPolicy.BEST_EFFORT
-)
+OUTPUT = profile(10)
+STATE = profile(10, latched=True)  # results that stay valid until the next message
+LATCHED = profile(1, latched=True)  # maps and paths: each message replaces the previous one
+TF = profile(100)
+TF_STATIC = profile(100, latched=True)
+CLOCK = profile(1, reliable=False)
 
 
 def input_qos(reliability: str, depth: int) -> QoSProfile:
-    return QoSProfile(
-        history=HistoryPolicy.KEEP_LAST,
-        depth=depth,
-        reliability=(
-            ReliabilityPolicy.RELIABLE
-            if reliability == RELIABLE
-            else ReliabilityPolicy.BEST_EFFORT
-        ),
-    )
+    return profile(depth, reliable=reliability == RELIABLE)
