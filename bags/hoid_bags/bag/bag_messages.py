@@ -14,7 +14,7 @@ from hoid_bags.storage.bag_types import Message, new_message
 from hoid_bags.storage.static_transforms import vector
 from hoid_common import se3
 from hoid_common.errors import MessageError
-from hoid_common.messages import transform_from_msg
+from hoid_common.messages import detection_fields, transform_from_msg
 from hoid_common.values import CameraModel, Detections, FloatArray
 
 CAMERA_FRAME = 'camera_color_optical_frame'
@@ -129,18 +129,12 @@ def imu(
 
 def detection_array(detections: Detections, camera: CameraModel) -> Message:
     """Return the hoid_msgs/DetectionArray of ground-truth boxes in images of a camera."""
-    edges = 'x_min', 'y_min', 'x_max', 'y_max'
-    boxes = [dict(zip(edges, box, strict=True)) for box in detections.boxes_xyxy_px.tolist()]
-    scores = detections.scores.tolist()
-    entries = [
-        new_message('hoid_msgs/msg/Detection', class_name=name, class_id=-1, score=score, **box)
-        for name, score, box in zip(detections.class_names, scores, boxes, strict=True)
-    ]
+    rows = detection_fields(detections)
     return new_message(
         types.DETECTION_ARRAY,
         header=header(detections.stamp_ns, CAMERA_FRAME),
         image_width=camera.width_px,
         image_height=camera.height_px,
         inference_ms=0.0,
-        detections=entries,
+        detections=[new_message('hoid_msgs/msg/Detection', **row) for row in rows],
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -73,6 +74,17 @@ def detections_from_msg(msg: Any) -> Detections:
         tuple(box.class_name for box in boxes),
         np.array([box.score for box in boxes], np.float32),
     )
+
+
+def detection_fields(
+    detections: Detections, class_names: Sequence[str] = ()
+) -> Iterator[dict[str, Any]]:
+    """Yield the fields of hoid_msgs/Detection; `class_id` is an index of `class_names`, or -1."""
+    ids = {name: i for i, name in enumerate(class_names)}
+    boxes, scores = detections.boxes_xyxy_px.tolist(), detections.scores.tolist()
+    for name, score, box in zip(detections.class_names, scores, boxes, strict=True):
+        edges = zip(('x_min', 'y_min', 'x_max', 'y_max'), box, strict=True)
+        yield {'class_name': name, 'class_id': ids.get(name, -1), 'score': score, **dict(edges)}
 
 
 def _transform(rotation: Any, translation: Any, what: str) -> FloatArray:

@@ -19,7 +19,7 @@ from vision_msgs.msg import (
 )
 
 from hoid_common.errors import MessageError
-from hoid_common.messages import MAX_DETECTIONS, stamp_from_msg
+from hoid_common.messages import MAX_DETECTIONS, detection_fields, stamp_from_msg
 from hoid_common.values import MAX_NAME_LENGTH, Detections, DynamicObject, ObjectState
 
 Row = tuple[float, float, float, float]
@@ -42,29 +42,12 @@ def detections_to_msg(
     inference_ms: float = 0.0,
 ) -> DetectionArray:
     """Return the DetectionArray; `class_id` is an index of `class_names`, or -1."""
-    ids = {name: i for i, name in enumerate(class_names)}
     return DetectionArray(
         header=header,
         image_width=image_size_px[0],
         image_height=image_size_px[1],
         inference_ms=inference_ms,
-        detections=[
-            Detection(
-                class_name=name,
-                class_id=ids.get(name, -1),
-                score=score,
-                x_min=box[0],
-                y_min=box[1],
-                x_max=box[2],
-                y_max=box[3],
-            )
-            for name, score, box in zip(
-                detections.class_names,
-                detections.scores.tolist(),
-                detections.boxes_xyxy_px.tolist(),
-                strict=True,
-            )
-        ],
+        detections=[Detection(**row) for row in detection_fields(detections, class_names)],
     )
 
 
