@@ -35,14 +35,13 @@ class Backoff:
     def due(self, active: Collection[str], now_s: float) -> list[str]:
         """Return the active problems that are due for a report; the others count as resolved."""
         self._interval_s = {kind: self._interval_s.get(kind, 0.0) for kind in active}
-        due = [kind for kind in active if now_s >= self._earliest_s(kind)]
+        due = [
+            kind
+            for kind, interval_s in self._interval_s.items()
+            if now_s >= self._reported_s.get(kind, -math.inf) + max(interval_s, self._first_s)
+        ]
         for kind in due:
             self._reported_s[kind] = now_s
             doubled_s = max(2 * self._interval_s[kind], self._first_s)
             self._interval_s[kind] = min(doubled_s, self._longest_s)
         return due
-
-    def _earliest_s(self, kind: str) -> float:
-        if kind not in self._reported_s:
-            return -math.inf
-        return self._reported_s[kind] + max(self._interval_s[kind], self._first_s)

@@ -125,12 +125,9 @@ def decode_depth(image: RawImage, units_per_m: float = 0.0) -> Float32Array:
 
 def encode_compressed_depth(depth_mm: NDArray[np.uint16]) -> bytes:
     """Return the field `data` of a compressedDepth message of uint16 depth (H, W) in mm."""
-    _require_pixels(depth_mm, 'depth image')
     # Level 1: higher levels take several times as long and save a few percent of a depth image.
-    ok, png = cv2.imencode('.png', depth_mm, [cv2.IMWRITE_PNG_COMPRESSION, 1])
-    if not ok:
-        raise MessageError(f'depth image of shape {depth_mm.shape} cannot be encoded as PNG')
-    return compressed_depth_of_png(png.tobytes())
+    png = _encoded(depth_mm, 'depth image', 'PNG', [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    return compressed_depth_of_png(png)
 
 
 def compressed_depth_of_png(png: bytes) -> bytes:
@@ -139,16 +136,16 @@ def compressed_depth_of_png(png: bytes) -> bytes:
 
 def encode_jpeg(image_bgr: ByteArray, quality: int) -> bytes:
     """Return the JPEG of a (H, W, 3) uint8 BGR image; MessageError if it cannot be encoded."""
-    _require_pixels(image_bgr, 'image')
-    ok, jpeg = cv2.imencode('.jpg', image_bgr, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    if not ok:
-        raise MessageError(f'image of shape {image_bgr.shape} cannot be encoded as JPEG')
-    return jpeg.tobytes()
+    return _encoded(image_bgr, 'image', 'JPEG', [cv2.IMWRITE_JPEG_QUALITY, quality])
 
 
-def _require_pixels(image: NDArray[Any], name: str) -> None:
+def _encoded(image: NDArray[Any], name: str, kind: str, options: list[int]) -> bytes:
     if image.size == 0:
         raise MessageError(f'{name} of shape {image.shape} has no pixels and cannot be encoded')
+    ok, data = cv2.imencode(f'.{kind.lower()}', image, options)
+    if not ok:
+        raise MessageError(f'{name} of shape {image.shape} cannot be encoded as {kind}')
+    return data.tobytes()
 
 
 def depth_mm_or_none(depth_m: Float32Array) -> NDArray[np.uint16] | None:

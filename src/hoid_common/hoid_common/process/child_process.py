@@ -11,8 +11,8 @@ import atexit
 import os
 import signal
 import socket
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import AbstractContextManager, suppress
 from enum import Enum
 from importlib import import_module
 from multiprocessing import forkserver, get_context, resource_tracker
@@ -24,7 +24,7 @@ from threading import Event, Thread
 from typing import Generic, TypeVar
 
 from hoid_common.errors import HoidError
-from hoid_common.process.signals import signal_handlers_deferred
+from hoid_common.process.signals import signal_handlers_deferred, signals_blocked
 
 Message = TypeVar('Message')
 Report = TypeVar('Report')
@@ -97,15 +97,9 @@ def start_child(process: BaseProcess) -> None:
         process.start()
 
 
-@contextmanager
-def _sigint_blocked() -> Iterator[None]:
-    """Block SIGINT in this thread within the block; a process started there inherits the mask."""
-    resource_tracker.ensure_running()  # it would unblock the signal if it were started below
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+def _sigint_blocked() -> AbstractContextManager[None]:
+    resource_tracker.ensure_running()  # it would unblock the signal if it were started later
+    return signals_blocked(signal.SIGINT)
 
 
 class ChildWorker(Generic[Message, Report]):

@@ -6,7 +6,7 @@ import os
 import signal
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, suppress
 from threading import current_thread, main_thread
 from types import FrameType
 
@@ -29,9 +29,14 @@ def interrupt_on_termination() -> None:
             signal.signal(sign, _interrupt)
 
 
+def termination_signals_blocked() -> AbstractContextManager[None]:
+    return signals_blocked(signal.SIGINT, *TERMINATION_SIGNALS)
+
+
 @contextmanager
-def termination_signals_blocked() -> Iterator[None]:
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, *TERMINATION_SIGNALS})
+def signals_blocked(*signals: signal.Signals) -> Iterator[None]:
+    """Block signals in this thread within the block; a process started there inherits the mask."""
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, signals)
     try:
         yield
     finally:

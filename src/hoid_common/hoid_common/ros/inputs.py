@@ -30,6 +30,11 @@ from hoid_common.values import NS_PER_S, CameraModel
 
 Callback = Callable[[Any], None]
 
+# Compressed topics by the name of the raw one.
+_PACKED = {
+    topics.RGB_IMAGE: topics.compressed(topics.RGB_IMAGE),
+    topics.DEPTH_IMAGE: topics.compressed_depth(topics.DEPTH_IMAGE),
+}
 # Message types with large arrays, which have no size limit.
 _LARGE = (Image, CompressedImage, KeyframePoses)
 # Chosen: a new node waits so long in all for the publishers that already run, before it
@@ -57,7 +62,7 @@ class Inputs:
     def color(self, callback: Callback) -> None:
         """Subscribe to color images, compressed ones by parameter or by the topic's name."""
         named = self.with_frame(callback, 'color images')
-        self._images(topics.RGB_IMAGE, topics.compressed(topics.RGB_IMAGE), named, 'color images')
+        self._images(topics.RGB_IMAGE, named, 'color images')
 
     def depth(self, callback: Callback) -> None:
         """Subscribe to depth images, with stamps corrected by the parameter `depth_offset_s`."""
@@ -68,10 +73,7 @@ class Inputs:
             msg.header.stamp = conversions.stamp_to_msg(max(stamp_ns, 0))
             callback(msg)
 
-        packed = topics.compressed_depth(topics.DEPTH_IMAGE)
-        self._images(
-            topics.DEPTH_IMAGE, packed, on_depth if offset_ns else callback, 'depth images'
-        )
+        self._images(topics.DEPTH_IMAGE, on_depth if offset_ns else callback, 'depth images')
 
     def camera(self, callback: Callable[[CameraModel, Header], None]) -> None:
         """Subscribe to the camera_info of the color images.
@@ -81,8 +83,7 @@ class Inputs:
         """
 
         def on_camera_info(msg: CameraInfo) -> None:
-            topic = self._image_topic(topics.RGB_IMAGE, topics.compressed(topics.RGB_IMAGE))
-            topic = self._node.resolve_topic_name(topic)
+            topic = self._node.resolve_topic_name(self._image_topic(topics.RGB_IMAGE))
             camera = conversions.camera_from_msg(msg, topic)
             self._diagnostics.report_problem('rectification', rectification_doubt(msg, topic))
             callback(camera, msg.header)
@@ -92,9 +93,7 @@ class Inputs:
 
     def depth_camera(self, callback: Callable[[CameraModel], None]) -> None:
         """Subscribe to the camera_info of the depth images, which drivers need not publish."""
-        images = self._node.resolve_topic_name(
-            self._image_topic(topics.DEPTH_IMAGE, topics.compressed_depth(topics.DEPTH_IMAGE))
-        )
+        images = self._node.resolve_topic_name(self._image_topic(topics.DEPTH_IMAGE))
         topic = topics.camera_info_beside(images)
         if topic != self._node.resolve_topic_name(topics.CAMERA_INFO):
             self.messages(
@@ -125,8 +124,8 @@ class Inputs:
 
         return on_message
 
-    def _images(self, raw: str, packed: str, callback: Callback, what: str) -> None:
-        topic = self._image_topic(raw, packed)
+    def _images(self, raw: str, callback: Callback, what: str) -> None:
+        topic = self._image_topic(raw)
         full_name = self._node.resolve_topic_name(topic)
         if not topics.is_compressed(full_name):
             self.messages(Image, topic, callback, what)
@@ -139,10 +138,10 @@ class Inputs:
 
         self.messages(CompressedImage, topic, on_compressed, what)
 
-    def _image_topic(self, raw: str, packed: str) -> str:
-        """Return `packed` if `compressed` is set and `raw` is not remapped to such a name."""
+    def _image_topic(self, raw: str) -> str:
+        """Return the compressed topic if that is set and `raw` is not remapped to such a name."""
         is_named = topics.is_compressed(self._node.resolve_topic_name(raw))
-        return packed if self._config.compressed and not is_named else raw
+        return _PACKED[raw] if self._config.compressed and not is_named else raw
 
     def messages(
         self,
