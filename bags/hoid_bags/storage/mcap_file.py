@@ -19,16 +19,8 @@ from rosbags.interfaces import Connection
 from rosbags.rosbag2 import ReaderError
 from rosbags.rosbag2.storage_mcap import ChunkInfo, McapReader
 
-from hoid_bags.storage.chunks import (
-    DAMAGE,
-    MAX_CHUNK_BYTES,
-    NO_RECORD,
-    DamagedChunk,
-    messages,
-    one_line,
-    split_records,
-    unpack,
-)
+from hoid_bags.storage import chunks
+from hoid_bags.storage.chunks import DAMAGE, DamagedChunk, one_line
 from hoid_bags.storage.qos_profiles import stored_qos
 
 _RECORD_HEAD_BYTES = 9  # opcode and size
@@ -116,7 +108,7 @@ class McapFile(McapReader):
         try:
             found = [
                 _Item(log_ns, by_id[channel_id], data)
-                for channel_id, log_ns, data in messages(self._read_chunk(chunk))
+                for channel_id, log_ns, data in chunks.messages(self._read_chunk(chunk))
                 if channel_id in by_id and first_ns <= log_ns < end_ns
             ]
         except DAMAGE as error:
@@ -132,7 +124,7 @@ class McapFile(McapReader):
         size, compression = found.uncompressed_size, found.compression
         if (size, compression) != (chunk.uncompressed_size, chunk.compression):
             raise ReaderError('a chunk contradicts the index')
-        return unpack(found.data, compression, size, found.uncompressed_crc)
+        return chunks.unpack(found.data, compression, size, found.uncompressed_crc)
 
     def _unchunked(self, by_id: dict[int, Connection]) -> Iterator[_Item]:
         with suppress(*DAMAGE):  # ends where the file was cut off
@@ -150,20 +142,20 @@ class McapFile(McapReader):
     def _check_index(self) -> None:
         """Check that the counts in the index agree, and set the times; ReaderError if not."""
         assert self.statistics is not None
-        chunks = [chunk for chunk in self.chunks if any(chunk.channel_count.values())]
+        filled = [chunk for chunk in self.chunks if any(chunk.channel_count.values())]
         num_chunks = self.statistics.chunk_count
-        if num_chunks and self.metadata.message_count and not chunks:
+        if num_chunks and self.metadata.message_count and not filled:
             raise _NoIndexError
         in_chunks: Counter[int] = Counter()
-        for chunk in chunks:
+        for chunk in filled:
             in_chunks.update(chunk.channel_count)
         counted = {c.id: c.msgcount for c in self.connections if c.msgcount}
         if num_chunks != len(self.chunks) or (num_chunks and in_chunks != counted):
             raise ReaderError('the index contradicts itself')
-        if chunks:
+        if filled:
             self._set_times(
-                min(chunk.message_start_time for chunk in chunks),
-                max(chunk.message_end_time for chunk in chunks),
+                min(chunk.message_start_time for chunk in filled),
+                max(chunk.message_end_time for chunk in filled),
             )
 
     def _set_times(self, first_ns: int, last_ns: int) -> None:
@@ -209,7 +201,7 @@ class McapFile(McapReader):
 
     def _records(self) -> Iterator[tuple[McapRecord, int]]:
         with self._path.open('rb') as file:
-            reader = _Records(file, emit_chunks=True, record_size_limit=MAX_CHUNK_BYTES)
+            reader = _Records(file, emit_chunks=True, record_size_limit=chunks.MAX_CHUNK_BYTES)
             for record in reader.records:
                 yield record, file.tell()
 
@@ -218,7 +210,7 @@ class _Records(StreamReader):
     """StreamReader that raises an error at zeros, which it would otherwise take for records."""
 
     def _read_record(self, opcode: int, length: int) -> McapRecord | None:
-        if opcode == NO_RECORD:
+        if opcode == chunks.NO_RECORD:
             raise ReaderError('zeros where a record should be')
         return super()._read_record(opcode, length)
 
@@ -255,10 +247,10 @@ class _Scan:
         offset = end - len(chunk.data) - head_bytes
         self._lost = None
         try:
-            data = unpack(
+            data = chunks.unpack(
                 chunk.data, chunk.compression, chunk.uncompressed_size, chunk.uncompressed_crc
             )
-            found = [(message.channel_id, message.log_ns) for message in messages(data)]
+            found = [(message.channel_id, message.log_ns) for message in chunks.messages(data)]
             self._add_definitions(data)
         except DAMAGE as error:
             self._lost = Counter()
@@ -276,7 +268,7 @@ class _Scan:
             )  # fmt: skip
 
     def _add_definitions(self, chunk: bytes) -> None:
-        for opcode, start, end in split_records(chunk):
+        for opcode, start, end in chunks.split_records(chunk):
             stream = ReadDataStream(BytesIO(chunk[start:end]))
             if opcode == Opcode.SCHEMA:
                 self.add(Schema.read(stream), end)
