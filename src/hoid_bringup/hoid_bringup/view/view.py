@@ -58,33 +58,23 @@ def view_command(args: argparse.Namespace) -> None:
 def _write(args: argparse.Namespace, path: Path) -> None:
     if find_spec('rerun') is None:
         raise InputError(_NO_VIEWER)
-    from hoid_bringup.view.view_content import (
-        is_run,
-        log_images,
-        log_map,
-        log_recording,
-        log_run,
-        open_run,
-        with_ground_truth_boxes,
-    )
+    from hoid_bringup.view import view_content
     from hoid_bringup.view.view_log import ViewLog
 
     is_map = args.input.suffix == SUFFIX
     with ViewLog(path, is_map=is_map) as log:
         if is_map:
-            log_map(log, args.input)
+            view_content.log_map(log, args.input)
             return
-        if not is_run(args.input):
+        if not view_content.is_run(args.input):
             sequence = recording(args)
-            log_recording(log, sequence, with_ground_truth_boxes(run_config(args), sequence))
+            view_content.log_recording(log, sequence, run_config(args))
             return
-        run = open_run(args.input)
+        run = view_content.open_run(args.input)
         found = _recording_of_run(args, run.recording)
-        log_run(log, run, found)
+        view_content.log_run(log, run, found)
         if found is not None:
-            log_images(
-                log, found, with_ground_truth_boxes(run_config(args, run.config), found), run.final
-            )
+            view_content.log_images(log, found, run_config(args, run.config), run.final)
 
 
 def _recording_of_run(args: argparse.Namespace, recorded_path: Path | None) -> Sequence | None:

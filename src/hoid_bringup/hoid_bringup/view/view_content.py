@@ -105,24 +105,17 @@ def log_images(
 ) -> None:
     """Filter every image of a recording, and log it with the results.
 
-    Each image gets the pose nearest in time, or none if no pose is within 0.02 s.
+    Ground-truth boxes are the detections if the recording has them and the configuration names no
+    detector model. Each image gets the pose nearest in time, or none if no pose is within 0.02 s.
     """
+    if not config.detector.model and sequence.true_detections is not None:
+        config = config.updated({'detector.model': TRUTH})
     detect = detection_source(sequence, config)
     feature_filter = FeatureFilter(config.filter, sequence.camera)
     log.camera(sequence.camera)
     for frame in progress(sequence, len(sequence), 'frames'):
         result = feature_filter.process(frame, detect(frame), for_picture=True)
         log.frame(frame, result, None if poses is None else _pose_at(poses, frame.stamp_ns))
-
-
-def with_ground_truth_boxes(config: RunConfig, sequence: Sequence) -> RunConfig:
-    """Return the configuration with ground-truth boxes as detections, if that is possible.
-
-    It is unchanged if it names a detector model, or if the recording has no ground-truth boxes.
-    """
-    if config.detector.model or sequence.true_detections is None:
-        return config
-    return config.updated({'detector.model': TRUTH})
 
 
 def _pose_at(poses: Trajectory, stamp_ns: int) -> FloatArray | None:
