@@ -19,14 +19,7 @@ from hoid_common.store.database import SUFFIX
 from hoid_common.store.map_directory import named_map
 from hoid_common.values import NS_PER_S
 from hoid_scene.objects.mapped_object import MapObject
-from hoid_scene.search.object_list import (
-    Whereabouts,
-    history_lines,
-    object_table,
-    objects_json,
-    objects_yaml,
-    whereabouts,
-)
+from hoid_scene.search import object_list
 from hoid_scene.search.object_query import STATES, ObjectQuery, find
 from hoid_scene.search.picture_sheet import picture_sheet
 from hoid_scene.search.rooms import room_name
@@ -119,23 +112,25 @@ def objects_command(args: argparse.Namespace) -> None:
     objects = find(every, query, lambda item: room_name(item, rooms))
     if args.history is not None and args.history.isdigit():
         objects = [item for item in every if item.object_id == int(args.history)]
-    where = [whereabouts(item, every, rooms) for item in objects]
+    where = [object_list.whereabouts(item, every, rooms) for item in objects]
     if args.history is None:
-        lines = object_table(objects, where)
+        lines = object_list.object_table(objects, where)
     else:
-        lines = [line for item in objects for line in history_lines(item)]
+        lines = [line for item in objects for line in object_list.history_lines(item)]
     sys.stdout.writelines(f'{line}\n' for line in lines)
     _write_files(args, objects, where)
 
 
 def _write_files(
-    args: argparse.Namespace, objects: Sequence[MapObject], where: Sequence[Whereabouts]
+    args: argparse.Namespace,
+    objects: Sequence[MapObject],
+    where: Sequence[object_list.Whereabouts],
 ) -> None:
     frame = FrameConfig().map
     if args.yaml is not None:
-        write_file(args.yaml, objects_yaml(objects, frame).encode())
+        write_file(args.yaml, object_list.objects_yaml(objects, frame).encode())
     if args.json is not None:
-        write_file(args.json, objects_json(objects, where, frame).encode())
+        write_file(args.json, object_list.objects_json(objects, where, frame).encode())
     if args.pictures is not None:
         if (sheet := picture_sheet(objects)) is not None:
             write_file(args.pictures / 'all.jpg', encode_jpeg(sheet, _QUALITY))
