@@ -99,6 +99,9 @@ class Config:
             else:
                 yield Param(f'{prefix}{f.name}', value, f.metadata[_SPEC])
 
+    def values(self) -> dict[str, Any]:
+        return {leaf.name: leaf.value for leaf in self.params()}
+
     def node_params(self) -> Iterator[Param]:
         return (leaf for leaf in self.params() if not leaf.spec.is_internal)
 

@@ -33,7 +33,6 @@ def lacks_model(config: RunConfig, given: Iterable[str]) -> bool:
 
     It is False if the strategy is among the `given` parameters; without a model, such a run fails.
     """
-    known = [p.name for p in config.params()]
-    changed = {full for name in given for full in full_names(name, known)}
+    changed = {full for name in given for full in full_names(name, config.values())}
     uses_default_model = config.needs_detections and not config.detector.model
     return uses_default_model and STRATEGY not in changed and not has_model()

@@ -67,24 +67,24 @@ class RunConfig(Config):
 
     def updated(self, values: Mapping[str, Any]) -> Self:
         """Return a copy with new values, by any name that `full_names` accepts."""
-        known = [p.name for p in self.params()]
+        known = self.values()
         return super().updated(
             {full: v for name, v in values.items() for full in full_names(name, known)}
         )
 
     def changed(self) -> dict[str, Any]:
         """Return the parameters that are not at their defaults, by dotted name."""
-        default = {p.name: p.value for p in RunConfig().params()}
-        return {p.name: p.value for p in self.params() if p.value != default[p.name]}
+        default = RunConfig().values()
+        return {name: value for name, value in self.values().items() if value != default[name]}
 
     def named(self, names: Iterable[str]) -> dict[str, dict[str, Any]]:
         """Return the values of the named parameters, by node and by their name in the node."""
-        values = {p.name: p.value for p in self.params()}
+        values = self.values()
         return by_node({full: values[full] for n in names for full in full_names(n, values)})
 
     def summary_options(self) -> dict[str, Any]:
         """Return the options for a summary: strategy, seed, and all changed parameters."""
-        values = {p.name: p.value for p in self.params()}
+        values = self.values()
         always = {short: values[name] for short, name in SHORT_NAMES.items()}
         rest = {n: v for n, v in self.changed().items() if n not in SHORT_NAMES.values()}
         return {**always, **rest}
@@ -96,7 +96,7 @@ class RunConfig(Config):
         It ignores options that are no parameters of this version, such as the rate of a replay.
         """
         values: dict[str, Any] = {}
-        known = [p.name for p in cls().params()]
+        known = cls().values()
         for name, value in options.items():
             with suppress(ConfigError):
                 for full in full_names(SHORT_NAMES.get(name, name), known):
