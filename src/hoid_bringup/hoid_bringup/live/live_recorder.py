@@ -18,7 +18,6 @@ from hoid_bringup.live.live_metrics import LiveMetrics
 from hoid_bringup.live.node_specs import SLAM
 from hoid_common import topics
 from hoid_common.errors import InputError
-from hoid_common.inputs.input_config import BEST_EFFORT, RELIABLE
 from hoid_common.io.tum_text import read_tum
 from hoid_common.ros import conversions, qos
 from hoid_common.ros.conversions.slam import slam_status_from_msg
@@ -68,7 +67,7 @@ class LiveRecorder:
     def _listen(
         self, kind: type[Any], topic: str, callback: Callable[..., None], *, reliable: bool = True
     ) -> None:
-        profile = qos.input_qos(RELIABLE if reliable else BEST_EFFORT, _QUEUE)
+        profile = qos.profile(_QUEUE, reliable=reliable)
         self._node.create_subscription(kind, topic, callback, profile)
 
     def spin(self, timeout_s: float) -> None:

@@ -51,7 +51,10 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
     ignore_negative_clock_times()
     interrupt = _Interrupt()
     try:
-        _init(args)
+        with prefixed('', ConfigError, RuntimeError):  # rclpy's RCLError
+            # rclpy's own handlers shut down the context in another thread while this one destroys
+            # the node. Of 1200 exits with them, one crashed and three printed an error.
+            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         return _run(make_node, interrupt)
     except BaseException as error:
         if interrupt.came:  # code that is interrupted may have raised another error
@@ -64,13 +67,6 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
         # While the interpreter shuts down, Python's handlers do not exist any more, and a signal's
         # default action would kill the process.
         _handle(signal.SIG_IGN)
-
-
-def _init(args: Sequence[str] | None) -> None:
-    with prefixed('', ConfigError, RuntimeError):  # rclpy's RCLError
-        # rclpy's own handlers shut down the context in another thread while this one destroys the
-        # node. Of 1200 exits with them, one crashed and three printed an error.
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
 
 
 def _run(make_node: Callable[[], Node], interrupt: _Interrupt) -> int:

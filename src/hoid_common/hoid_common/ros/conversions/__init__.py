@@ -35,7 +35,6 @@ from hoid_common.ros.conversions.geometry import (
     pose_with_sigmas_from_msg,
     stamp_to_msg,
     transform_to_msg,
-    twist_to_msg,
 )
 from hoid_common.ros.conversions.images import (
     ReceivedImage,
