@@ -5,21 +5,12 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
+from hoid_bags import options
 from hoid_bags.bag.bag_reader import is_bag
 from hoid_bags.bag.info import describe, summarize
 from hoid_bags.bag.repair import copy_bag, repair
 from hoid_bags.convert import ConvertConfig, convert
 from hoid_bags.live.playback import PlayConfig
-from hoid_bags.options import (
-    add_config_arguments,
-    add_folder_arguments,
-    add_topic_arguments,
-    chosen_camera,
-    chosen_topics,
-    config_from,
-    depth_offset_ns,
-    depth_units_per_m,
-)
 from hoid_common.errors import ConfigError, InputError
 
 _BAG_HELP = 'bag folder, or .mcap, .db3 or .bag file'
@@ -33,8 +24,8 @@ def add_convert_arguments(parser: argparse.ArgumentParser) -> None:
         help='folder of images, .sens file, or ROS 1 bag',
     )
     parser.add_argument('bag', type=Path, metavar='BAG', help='folder of the new bag')
-    add_folder_arguments(parser)
-    add_config_arguments(parser, ConvertConfig())
+    options.add_folder_arguments(parser)
+    options.add_config_arguments(parser, ConvertConfig())
 
 
 def convert_command(args: argparse.Namespace) -> None:
@@ -44,12 +35,14 @@ def convert_command(args: argparse.Namespace) -> None:
     `convert` and `copy_bag`, or at the end if that bag is damaged.
     """
     fault = None
-    config = config_from(args, ConvertConfig, depth_units_per_m=depth_units_per_m(args) or 0.0)
+    config = options.config_from(
+        args, ConvertConfig, depth_units_per_m=options.depth_units_per_m(args) or 0.0
+    )
     if is_bag(args.sequence):
         _refuse_folder_options(args, config)
         fault = copy_bag(args.sequence, args.bag, compress=config.compress, expand=True)
     else:
-        convert(args.sequence, args.bag, config, chosen_camera(args), show_progress=True)
+        convert(args.sequence, args.bag, config, options.chosen_camera(args), show_progress=True)
     print(describe(summarize(args.bag)))
     if fault is not None:
         raise InputError(fault)
@@ -64,8 +57,8 @@ def _refuse_folder_options(args: argparse.Namespace, config: ConvertConfig) -> N
         '--calibration': args.calibration is not None,
         '--depth-factor': args.depth_factor is not None,
     }
-    if options := [option for option, is_given in given.items() if is_given]:
-        raise ConfigError(f'{", ".join(options)}: only for folders; a bag is copied as it is')
+    if refused := [option for option, is_given in given.items() if is_given]:
+        raise ConfigError(f'{", ".join(refused)}: only for folders; a bag is copied as it is')
 
 
 def add_info_arguments(parser: argparse.ArgumentParser) -> None:
@@ -100,8 +93,8 @@ def add_play_arguments(parser: argparse.ArgumentParser) -> None:
         '--topics', nargs='+', default=[], metavar='TOPIC', help='topics to publish (default: all)'
     )
     parser.add_argument('--namespace', default='', metavar='NS', help='namespace for all topics')
-    add_config_arguments(parser, PlayConfig())
-    add_topic_arguments(parser)
+    options.add_config_arguments(parser, PlayConfig())
+    options.add_topic_arguments(parser)
     parser.add_argument(
         '--require',
         action='append',
@@ -116,11 +109,11 @@ def play_command(args: argparse.Namespace) -> None:
 
     play(
         args.bag,
-        config_from(args, PlayConfig),
+        options.config_from(args, PlayConfig),
         topic_names=tuple(args.topics),
         namespace=args.namespace,
-        choice=chosen_topics(args),
-        depth_offset_ns=depth_offset_ns(args),
+        choice=options.chosen_topics(args),
+        depth_offset_ns=options.depth_offset_ns(args),
         min_subscribers=dict(_requirement(text) for text in args.require),
         show_progress=True,
     )

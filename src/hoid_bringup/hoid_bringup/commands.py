@@ -13,15 +13,9 @@ from hoid_bags.imu_recording import joined_imu
 from hoid_bags.options import add_recording_arguments
 from hoid_bringup.evaluate.evaluation import Evaluation, evaluate
 from hoid_bringup.live.replay_plan import ReplayConfig
+from hoid_bringup.run import options
 from hoid_bringup.run.no_detector import MOTION, NO_DETECTOR, STRATEGY, lacks_model
 from hoid_bringup.run.offline import MapFiles, run_offline
-from hoid_bringup.run.options import (
-    add_method_arguments,
-    given_parameters,
-    playable_bag,
-    recording,
-    run_config,
-)
 from hoid_bringup.run.outputs import num_frames_of_run
 from hoid_bringup.run.run_config import TRUTH, RunConfig
 from hoid_bringup.run.summary import Summary
@@ -38,7 +32,7 @@ def _add_shared_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--out', type=Path, required=True, metavar='DIR', help='folder for the results'
     )
-    add_method_arguments(parser)
+    options.add_method_arguments(parser)
 
 
 def add_run_arguments(parser: argparse.ArgumentParser) -> None:
@@ -85,7 +79,7 @@ def run_command(args: argparse.Namespace) -> None:
     if config.live_only:
         names = ', '.join(config.live_only)
         raise ConfigError(f'{names}: for live nodes only; use "hoid replay", or leave it out')
-    sequence = recording(args)
+    sequence = options.recording(args)
     maps = MapFiles(args.map, args.localize, args.save_map)
     summary = run_offline(
         sequence, config, args.out, dense=args.dense, recording=args.input, maps=maps,
@@ -144,7 +138,7 @@ def replay_command(args: argparse.Namespace) -> None:
     config = ReplayConfig(
         rate=args.rate, lockstep=args.lockstep, run=_config(args), imu=tuple(args.imu)
     )
-    with playable_bag(args) as bag:
+    with options.playable_bag(args) as bag:
         summary = replay(bag, config, args.out, recording=args.input)
     print(run_report(summary, args.out))
     if bag.fault:
@@ -180,8 +174,8 @@ def evaluate_command(args: argparse.Namespace) -> None:
 
 def _config(args: argparse.Namespace) -> RunConfig:
     """Return the configuration; its strategy is `motion` if no detector model is found."""
-    config = run_config(args)
-    if lacks_model(config, given_parameters(args)):
+    config = options.run_config(args)
+    if lacks_model(config, options.given_parameters(args)):
         print(NO_DETECTOR)
         return config.updated({STRATEGY: MOTION})
     print_detection_note(config)

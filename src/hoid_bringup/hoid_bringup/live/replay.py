@@ -13,14 +13,10 @@ from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_sequence import BagSequence
 from hoid_bags.live.ros_session import ros_session
 from hoid_bags.progress import progress
+from hoid_bringup.live import replay_plan
 from hoid_bringup.live.live_recorder import LiveRecorder
 from hoid_bringup.live.node_specs import node_specs
-from hoid_bringup.live.replay_plan import (
-    ReplayConfig,
-    camera_info_topic,
-    node_options,
-    player_spec,
-)
+from hoid_bringup.live.replay_plan import ReplayConfig
 from hoid_bringup.live.ros_domain import own_domain
 from hoid_bringup.live.supervisor import ProcessExit, Supervisor, last_line
 from hoid_bringup.run.outputs import write_outputs
@@ -78,16 +74,18 @@ class _LiveRun:
     ) -> None:
         self._bag, self._folder, self._log_dir = bag, folder, log_dir
         shutil.rmtree(log_dir, ignore_errors=True)
-        self._nodes = node_specs(node_options(bag, config, folder))
+        self._nodes = node_specs(replay_plan.node_options(bag, config, folder))
         self._camera_info = _first_camera_info(bag)
-        self._player = player_spec(bag, config)
+        self._player = replay_plan.player_spec(bag, config)
         # By process: number of cores in use while the bag is played.
         self._cpu_share: dict[str, float] = {}
 
     def run(self, summary_options: Mapping[str, Any], *, show_progress: bool) -> RunResult:
         check_shared_memory(len(self._nodes) + _NUM_OTHER_PROCESSES)
         with ros_session('hoid_replay') as node:
-            recorder = LiveRecorder(node, camera_info_topic(self._bag).name.lstrip('/'))
+            recorder = LiveRecorder(
+                node, replay_plan.camera_info_topic(self._bag).name.lstrip('/')
+            )
             with Supervisor(self._nodes, log_dir=self._log_dir) as nodes:
                 self._wait_until_ready(recorder, nodes)
                 with Supervisor([self._player], log_dir=self._log_dir) as player:
@@ -184,7 +182,7 @@ class _LiveRun:
 
 def _first_camera_info(bag: BagSequence) -> bytes:
     """Return the first camera_info message, serialized; InputError if there is none."""
-    topic = camera_info_topic(bag).name
+    topic = replay_plan.camera_info_topic(bag).name
     with BagReader(bag.path) as reader:
         for message in reader.messages([topic]):
             return message.data

@@ -9,17 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hoid_common.errors import MessageError
+from hoid_common.io import images
 from hoid_common.io.compression.rvl import decode_rvl, rvl_size_px
 from hoid_common.io.compression.zstd_image import ZSTD_FORMAT, stored_head, stored_image
 from hoid_common.io.image_size import check_image_size, image_size_px, is_safe_to_decode
-from hoid_common.io.images import (
-    COMPRESSED_DEPTH_HEADER,
-    DEPTH_ENCODINGS,
-    Buffer,
-    decode_color,
-    decode_depth,
-    depth_in_m,
-)
+from hoid_common.io.images import COMPRESSED_DEPTH_HEADER, DEPTH_ENCODINGS, Buffer
 from hoid_common.values import ByteArray, Float32Array
 
 COLOR_READ_FLAGS = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
@@ -48,7 +42,7 @@ def compressed_head(format_: str, data: Buffer) -> tuple[str, tuple[int, int] | 
 def decode_compressed_color(data: Buffer, format_: str = '') -> ByteArray:
     """Return the (H, W, 3) uint8 BGR image of `data` in a `format`; MessageError if unreadable."""
     if format_ == ZSTD_FORMAT:
-        return decode_color(stored_image(bytes(data)))
+        return images.decode_color(stored_image(bytes(data)))
     what = f'compressed color image of format "{format_}"' if format_ else 'compressed color image'
     return cast('ByteArray', decode_image(data, COLOR_READ_FLAGS, what))
 
@@ -60,7 +54,7 @@ def decode_compressed_depth(format_: str, data: Buffer, units_per_m: float = 0.0
     inverse depth (32FC1). MessageError if format, data or unit is invalid.
     """
     if format_ == ZSTD_FORMAT:
-        return decode_depth(stored_image(bytes(data)), units_per_m)
+        return images.decode_depth(stored_image(bytes(data)), units_per_m)
     encoding = format_.partition(';')[0].strip()
     if encoding not in ('16UC1', '32FC1'):
         raise MessageError(
@@ -74,12 +68,12 @@ def decode_compressed_depth(format_: str, data: Buffer, units_per_m: float = 0.0
     pixels = decode_rvl(payload) if _RVL in format_ else _one_channel(payload, format_)
     if pixels.dtype == np.float32 or encoding == '16UC1' or not has_header:
         kind = '32FC1' if pixels.dtype == np.float32 else '16UC1'
-        return depth_in_m(pixels, kind, units_per_m)
+        return images.depth_in_m(pixels, kind, units_per_m)
     _, quant_a, quant_b = COMPRESSED_DEPTH_HEADER.unpack_from(raw)
     with np.errstate(divide='ignore', invalid='ignore'):
         depth_m = quant_a / (pixels.astype(np.float32) - np.float32(quant_b))
     depth_m = np.where(pixels == 0, np.float32(0), depth_m.astype(np.float32))
-    return depth_in_m(depth_m, encoding, units_per_m)
+    return images.depth_in_m(depth_m, encoding, units_per_m)
 
 
 def _one_channel(data: bytes, format_: str) -> NDArray[Any]:
