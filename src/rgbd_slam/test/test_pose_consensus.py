@@ -95,6 +95,20 @@ def test_moving_objects_do_not_capture_the_pose(groups: tuple[Group, ...]) -> No
     assert np.mean(consensus.estimate.inliers[~is_mover]) > 0.95
 
 
+def test_near_and_far_points_disagree_if_the_map_is_bent() -> None:
+    problem, is_well_observed = seen(Group(400, (1.0, 5.0), is_well_observed=True))
+    depth_m = se3.transform(TRUTH, problem.points_m)[:, 2]
+    bent_m = problem.points_m + 0.02 * (depth_m > 3)[:, None] * np.array([1, 0, 0])
+    right, bent = (
+        CONSENSUS.solve(each, is_well_observed, np.eye(4)).disagreement
+        for each in (problem, replace(problem, points_m=bent_m))
+    )
+    assert right is not None
+    assert bent is not None
+    assert np.trace(right[3:, 3:]) < 0.005**2
+    assert np.trace(bent[3:, 3:]) == pytest.approx(0.02**2, rel=0.3)
+
+
 def test_an_object_that_begins_to_move_does_not_bias_the_pose() -> None:
     """The object moves so little that it fits the pose of all matches."""
     corner_px = (60, 300), (220, 460)

@@ -7,7 +7,7 @@ import pytest
 
 from hoid_common import se3
 from hoid_common.values import FloatArray
-from rgbd_slam.tracking.pose_noise import PoseNoise
+from rgbd_slam.tracking.pose_noise import LastingNoise, PoseNoise
 
 PERIOD_NS = 33_333_333
 SIGMA = np.array([1e-3, 2e-3, 5e-4, 2e-3, 1e-3, 4e-3])  # rad, m
@@ -88,3 +88,17 @@ def test_images_at_nearly_the_same_time_give_a_finite_covariance() -> None:
     covariance = noise.covariance(np.eye(6))
     assert covariance is not None
     assert np.isfinite(covariance).all()
+
+
+def test_a_difference_of_halves_that_lasts_is_measured_and_noise_is_not() -> None:
+    rng, noise = np.random.default_rng(0), LastingNoise()
+    independent = np.diag(SIGMA**2)
+    for _ in range(200):
+        twist = rng.normal(0, SIGMA)
+        noise.add(np.outer(twist, twist) - independent)
+    assert (np.diag(noise.covariance) < 0.3 * SIGMA**2).all()
+    for _ in range(400):
+        twist = rng.normal(0, SIGMA) + 3 * SIGMA
+        noise.add(np.outer(twist, twist) - independent)
+    np.testing.assert_allclose(np.diag(noise.covariance), 4.5 * SIGMA**2, rtol=0.3)
+    assert (np.linalg.eigvalsh(noise.covariance) > -1e-15).all()

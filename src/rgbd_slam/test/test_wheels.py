@@ -97,6 +97,19 @@ def test_odometry_does_not_jump_when_tracking_resumes(truth: FloatArray) -> None
     np.testing.assert_allclose(poses(results[-1:]), truth[-1:], atol=0.02)  # which the map is not
 
 
+def test_poses_after_a_bridge_inherit_its_covariance(truth: FloatArray) -> None:
+    _, results = run(truth, wheels(truth, SLIP))
+    start = results[SEEN - 1].T_odom_camera
+    assert start is not None
+    for result in results[SEEN + COVERED - 1 :]:
+        assert result.T_odom_camera is not None
+        assert result.covariance is not None
+        true = se3.inverse(truth[SEEN - 1]) @ truth[result.stamp_ns // PERIOD_NS]
+        found = se3.inverse(start) @ result.T_odom_camera
+        error = se3.log(se3.inverse(true) @ found)
+        assert error @ np.linalg.solve(result.covariance, error) / 6 < 4  # two sigma
+
+
 def test_slip_before_the_loss_increases_the_covariance(truth: FloatArray) -> None:
     _, results = run(truth, wheels(truth, SLIP))
     last = results[SEEN + COVERED - 1]

@@ -102,6 +102,9 @@ class Consensus(NamedTuple):
     estimate: PoseEstimate
     competing: CompetingMotion | None = None
     biasing: BiasingObject | None = None
+    # (6, 6) square of the left twist between the poses of the near and of the far half of the
+    # matches, without what independent pixels explain; None: they have too few matches.
+    disagreement: FloatArray | None = None
 
     @property
     def covariance(self) -> FloatArray:
@@ -174,15 +177,19 @@ class PoseConsensus:
             return Consensus(fit_to_all)
         deciding = self._deciding_matches(problem, is_well_observed)
         fit = self._hypothesis(deciding, deciding, fit_to_all.T_camera_map)
-        best, second = _best_two(fit, self._competing_hypotheses(deciding, fit))
+        halves = self._halves(deciding, fit)
+        competing = (self._hypothesis_of_half(deciding, *half, fit) for half in halves)
+        best, second = _best_two(fit, (other for other in competing if other is not None))
+        disagreement = _disagreement(*(own for _, own in halves)) if halves else None
         unbiased = None if is_initial else self._without_biasing_region(deciding, best)
         if unbiased is None:
             estimate = self._widened(problem, deciding, best, fit_to_all)
-            return Consensus(estimate, _competing_motion(best, second))
+            return Consensus(estimate, _competing_motion(best, second), None, disagreement)
         hypothesis, region = unbiased
         estimate = self._widened(problem, deciding, hypothesis, fit_to_all)
         biasing = BiasingObject(region, self._prefers(problem, best, estimate))
-        return Consensus(estimate, _competing_motion(hypothesis, second or best), biasing)
+        competing_motion = _competing_motion(hypothesis, second or best)
+        return Consensus(estimate, competing_motion, biasing, disagreement)
 
     def _deciding_matches(self, problem: PoseProblem, is_well_observed: BoolArray) -> PoseProblem:
         if np.count_nonzero(is_well_observed) < self._config.min_well_observed:
@@ -197,29 +204,28 @@ class PoseConsensus:
         cost, inliers = self._evaluate(deciding, fit.T_camera_map)
         return _Hypothesis(fit.T_camera_map, fit.information, cost, inliers)
 
-    def _competing_hypotheses(self, deciding: PoseProblem, fit: _Hypothesis) -> list[_Hypothesis]:
-        """Return the poses fitted to the distant and to the near half of the deciding matches.
-
-        There is none for a half that is consistent with `fit`, the pose of all of them.
-        """
+    def _halves(
+        self, deciding: PoseProblem, fit: _Hypothesis
+    ) -> list[tuple[BoolArray, PoseEstimate]]:
+        """Return the distant and the near half of the D matches, as masks, and their own poses."""
         if len(deciding) < 2 * _MIN_HALF:
             return []
         depth_m = deciding.points_m @ fit.T_camera_map[2, :3]
         is_distant = depth_m >= median(depth_m)
-        halves = (
-            self._hypothesis_of_half(deciding, half, fit) for half in (is_distant, ~is_distant)
-        )
-        return [hypothesis for hypothesis in halves if hypothesis is not None]
+        return [
+            (half, optimize_pose(self.camera, deciding.select(half), fit.T_camera_map, self.prior))
+            for half in (is_distant, ~is_distant)
+        ]
 
     def _hypothesis_of_half(
-        self, deciding: PoseProblem, half: BoolArray, fit: _Hypothesis
+        self, deciding: PoseProblem, half: BoolArray, own: PoseEstimate, fit: _Hypothesis
     ) -> _Hypothesis | None:
         """Return the pose of a half (D,) of the matches, refitted to all matches that support it.
 
-        None if the half is consistent with `fit`, the pose of all D matches.
+        `own` is the pose fitted to the half. None if the half is consistent with `fit`, the pose
+        of all D matches.
         """
         matches_of_half = deciding.select(half)
-        own = optimize_pose(self.camera, matches_of_half, fit.T_camera_map, self.prior)
         least = self._evaluate(matches_of_half, own.T_camera_map).cost
         if self._is_consistent(fit.cost[half], least, self._config.max_cost_increase):
             return None
@@ -366,3 +372,10 @@ def _competing_motion(best: _Hypothesis, other: _Hypothesis | None) -> Competing
     shares = np.mean(best.inliers & is_better), np.mean(other.inliers & ~is_better)
     is_distinct = twist @ best.information @ twist > _CHI2_DISTINCT
     return CompetingMotion(twist, *map(float, shares)) if is_distinct and shares[1] > 0 else None
+
+
+def _disagreement(one: PoseEstimate, other: PoseEstimate) -> FloatArray:
+    """Return the (6, 6) square of the twist between two poses, less their independent noise."""
+    twist = se3.log(other.T_camera_map @ se3.inverse(one.T_camera_map))
+    noise = sum(half.independent_share * covariance(half) for half in (one, other))
+    return np.asarray(np.outer(twist, twist) - noise)

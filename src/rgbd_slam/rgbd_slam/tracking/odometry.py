@@ -17,7 +17,7 @@ from rgbd_slam.model.trajectory import main_map
 from rgbd_slam.optimize.pose_optimizer import UNKNOWN_COVARIANCE, PosePrior
 from rgbd_slam.tracking.inertial_motion import InertialMotion
 from rgbd_slam.tracking.motion_sources import BridgedMotion, MotionSource
-from rgbd_slam.tracking.pose_noise import PoseNoise
+from rgbd_slam.tracking.pose_noise import LastingNoise, PoseNoise
 from rgbd_slam.tracking.rolling_shutter import MovingView
 from rgbd_slam.tracking.tracker import TrackerOutput
 
@@ -32,6 +32,9 @@ _AGREED_S = 0.2
 # Not tuned: longest time for which the last velocity is extrapolated (decision 006); a hand-held
 # camera hardly keeps its velocity for longer.
 _HORIZON_S = 0.25
+# Chosen: time after a bridge in which poses inherit its covariance. Motions over a second, which
+# are made of two poses of the odometry, would contain it unseen.
+_INHERITED_S = 1.0
 _NOTE = 'too few map points are seen; the pose follows {}, for {:.1f} s and {:.2f} m'
 
 
@@ -70,13 +73,16 @@ class Odometry:
         # frame, rotation first (rad^2, m^2), and the part of it whose errors are independent
         # between images.
         self.covariance = self.image_covariance = np.zeros((6, 6))
+        self._own_covariance = self.covariance  # without lasting errors and those of a bridge
         self._atlas = atlas
         self._gyro = gyro
         self._sources: list[MotionSource] = [] if gyro is None else [gyro]
         self._sources += further_sources
         self._stamp_ns = 0  # stamp of the latest image, set by `follow`
         self._T_odom_last = self.T_odom_camera
-        self._pose_noise = PoseNoise()
+        self._pose_noise, self._lasting_noise = PoseNoise(), LastingNoise()
+        # Stamp of the last bridged image, and (6, 6) covariance of the motion up to it.
+        self._bridged_ns, self._bridged_covariance = 0, np.zeros((6, 6))
 
     def follow(self, stamp_ns: int) -> None:
         self._stamp_ns = stamp_ns
@@ -171,6 +177,7 @@ class Odometry:
         if self.last is None or motion is None:
             return None
         self._move(motion.T_last_camera)
+        self._bridged_ns, self._bridged_covariance = self._stamp_ns, motion.covariance
         A = se3.adjoint(se3.inverse(motion.T_last_camera))
         return Bridge(
             self.pose() @ motion.T_last_camera,
@@ -262,19 +269,26 @@ class Odometry:
         """Update the covariances from the residuals and, if known, from the pose noise.
 
         If too few map points are seen, the tracker measures only the motion since the last frame,
-        and the covariance of the last pose is added to that of this motion.
+        and the covariance of the last pose is added to that of this motion. Errors that
+        last and those of a recent bridge are added once.
         """
-        consensus, before = tracking.consensus, self.covariance
+        consensus = tracking.consensus
         noise = self._pose_noise.covariance(consensus.image_covariance)
         if noise is None:
-            self.covariance = consensus.covariance
-            self.image_covariance = consensus.image_covariance
+            own, self.image_covariance = consensus.covariance, consensus.image_covariance
         else:
-            self.covariance = noise + consensus.image_covariance
+            own = noise + consensus.image_covariance
             self.image_covariance = noise + consensus.ambiguity
         if not tracking.is_on_map:
             A = se3.adjoint(se3.inverse(T_last_camera))
-            self.covariance = self.covariance + A @ before @ A.T
+            own = own + A @ self._own_covariance @ A.T
+        if consensus.disagreement is not None:
+            self._lasting_noise.add(consensus.disagreement)
+        self._own_covariance = own
+        self.covariance = own + self._lasting_noise.covariance
+        elapsed_ns = tracking.tracked.frame.stamp_ns - self._bridged_ns
+        if 0 <= S_PER_NS * elapsed_ns <= _INHERITED_S:
+            self.covariance = self.covariance + self._bridged_covariance
 
     @property
     def _is_bridged(self) -> bool:

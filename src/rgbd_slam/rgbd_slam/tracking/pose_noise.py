@@ -60,6 +60,27 @@ class PoseNoise:
         return np.asarray(total / (_PRIOR_SAMPLES + self._num_samples))
 
 
+class LastingNoise:
+    """Estimates the part of the pose covariance whose errors last, such as those of the map.
+
+    Errors of the map, the calibration and the shutter displace the poses of near and of distant
+    points differently, in the same way for many images. The mean square of the difference, less
+    what independent pixels explain, is the variance of two halves of the points.
+    """
+
+    def __init__(self) -> None:
+        self._square: FloatArray = np.zeros((6, 6))
+        self._num_samples = 0
+        self.covariance = self._square  # (6, 6) in the camera frame, rotation first
+
+    def add(self, disagreement: FloatArray) -> None:
+        """Add the square (6, 6) of a difference less its noise (`Consensus.disagreement`)."""
+        self._num_samples = min(self._num_samples + 1, _MAX_SAMPLES)
+        self._square = self._square + (disagreement - self._square) / self._num_samples
+        variances, axes = np.linalg.eigh(self._square)
+        self.covariance = np.asarray((axes * np.maximum(variances, 0)) @ axes.T / 2)
+
+
 def smoothness_residuals(stamps_ns: IntArray, T_odom_camera: FloatArray) -> FloatArray:
     """Return the deviations (N, 6) of middle poses from the parabola through the others.
 
