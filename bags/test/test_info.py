@@ -11,7 +11,7 @@ from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.bag.info import describe, summarize
 from hoid_bags.storage import bag_types
-from hoid_bags.storage.qos_profiles import reliable_qos
+from hoid_bags.storage.qos_profiles import recorded_qos
 
 
 def test_the_bandwidth_of_a_topic(bag: Path) -> None:
@@ -30,7 +30,7 @@ def test_old_messages_of_a_latched_topic_have_no_rate_of_kilohertz(tmp_path: Pat
     path = tmp_path / 'bag'
     second_ns = 10**9
     with BagWriter(path) as writer:
-        writer.add_topic('grid_map', bag_types.CAMERA_INFO, reliable_qos(latched=True))
+        writer.add_topic('grid_map', bag_types.CAMERA_INFO, recorded_qos(latched=True))
         writer.add_topic('odom', bag_types.CAMERA_INFO)
         for k in range(5):  # received at once when the recorder subscribed
             writer.write_serialized('grid_map', second_ns + 70_000 * k, b'\0\1\0\0')

@@ -16,7 +16,7 @@ from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.bag.info import summarize
 from hoid_bags.bag.repair import repair
 from hoid_bags.storage.bag_types import IMU
-from hoid_bags.storage.qos_profiles import reliable_qos
+from hoid_bags.storage.qos_profiles import recorded_qos
 from hoid_common.errors import InputError
 from hoid_common.io.files import abandoned_scratch_folders
 
@@ -27,9 +27,9 @@ import numpy as np
 from hoid_bags.bag import bag_messages
 from hoid_bags.storage.bag_types import IMU
 from hoid_bags.bag.bag_writer import BagWriter
-from hoid_bags.storage.qos_profiles import reliable_qos
+from hoid_bags.storage.qos_profiles import recorded_qos
 with BagWriter(Path(sys.argv[1])) as writer:
-    writer.add_topic('imu', IMU, reliable_qos(latched=True))
+    writer.add_topic('imu', IMU, recorded_qos(latched=True))
     for i in range(100):
         writer.write('imu', 1 + i, bag_messages.imu(1 + i, np.full(3, float(i))))
         if i == 89:
@@ -85,7 +85,7 @@ def test_a_point_in_the_name_of_a_folder_is_no_suffix(bag: Path) -> None:
 
 def test_what_is_still_recorded_is_left_alone(tmp_path: Path) -> None:
     with BagWriter(tmp_path / 'bag') as writer:
-        writer.add_topic('imu', IMU, reliable_qos())
+        writer.add_topic('imu', IMU, recorded_qos())
         writer.write('imu', 1, bag_messages.imu(1, np.zeros(3)))
         (folder,) = tmp_path.glob('.bag.partial-*')
         with pytest.raises(InputError, match='is still being recorded'):

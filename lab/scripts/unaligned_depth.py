@@ -19,7 +19,7 @@ from hoid_bags.bag.bag_writer import BagWriter
 from hoid_bags.bag.image_messages import decode_depth
 from hoid_bags.bag.stamps import header_stamp_ns
 from hoid_bags.storage.bag_types import CAMERA_INFO, TF_MESSAGE
-from hoid_bags.storage.qos_profiles import reliable_qos
+from hoid_bags.storage.qos_profiles import recorded_qos
 from hoid_bags.storage.static_transforms import static_transforms
 from hoid_common import se3, topics
 from hoid_common.inputs.registration import Registration
@@ -42,7 +42,7 @@ def main() -> None:
         for topic in reader.topics:
             writer.add_topic(topic.name, topic.type_name, topic.qos)
         writer.add_topic(info, CAMERA_INFO)
-        writer.add_topic(topics.TF_STATIC, TF_MESSAGE, reliable_qos(latched=True))
+        writer.add_topic(topics.TF_STATIC, TF_MESSAGE, recorded_qos(latched=True))
         edge = (bag_messages.CAMERA_FRAME, FRAME, T_COLOR_DEPTH)
         writer.write(topics.TF_STATIC, reader.span_ns[0], static_transforms(edge))
         for message in reader.messages():

@@ -11,7 +11,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 
 from hoid_bags.storage.bag_types import Message, ensure_type, serialize, shared_typestore
 from hoid_bags.storage.checked_writer import CheckedWriter
-from hoid_bags.storage.qos_profiles import reliable_qos
+from hoid_bags.storage.qos_profiles import recorded_qos
 from hoid_common.errors import InputError
 from hoid_common.io.files import scratch_folder, written
 from hoid_common.process.signals import termination_signals_blocked
@@ -64,7 +64,7 @@ class BagWriter:
             f'/{topic.lstrip("/")}',
             type_name,
             typestore=shared_typestore(),
-            offered_qos_profiles=[qos or reliable_qos()],
+            offered_qos_profiles=[qos or recorded_qos()],
         )
 
     def write(self, topic: str, stamp_ns: int, message: Message) -> None:

@@ -12,7 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rosbags.interfaces import Qos, QosDurability, QosReliability
 
-from hoid_bags.storage.qos_profiles import reliable_qos
+from hoid_bags.storage.qos_profiles import recorded_qos
 from hoid_common import topics
 from hoid_common.errors import ConfigError, replaced_by
 from hoid_common.process.shared_memory import restrict_segments, shared_memory_problem
@@ -53,7 +53,7 @@ def ros_session(name: str, namespace: str = '', *, use_sim_time: bool = False) -
 
 def to_rclpy_qos(qos: Qos | None) -> QoSProfile:
     """Return the rclpy profile of a bag's QoS profile; None gives the reliable default."""
-    qos = qos or reliable_qos()
+    qos = qos or recorded_qos()
     return profile(
         qos.depth or _DEFAULT_DEPTH,
         reliable=qos.reliability != QosReliability.BEST_EFFORT,
@@ -63,10 +63,10 @@ def to_rclpy_qos(qos: Qos | None) -> QoSProfile:
 
 def from_rclpy_qos(qos: QoSProfile) -> Qos:
     """Return the bag profile with the reliability and durability of an rclpy profile."""
-    noted = reliable_qos(latched=qos.durability == DurabilityPolicy.TRANSIENT_LOCAL)
-    if qos.reliability == ReliabilityPolicy.BEST_EFFORT:
-        noted = noted._replace(reliability=QosReliability.BEST_EFFORT)
-    return noted
+    return recorded_qos(
+        reliable=qos.reliability != ReliabilityPolicy.BEST_EFFORT,
+        latched=qos.durability == DurabilityPolicy.TRANSIENT_LOCAL,
+    )
 
 
 def live_name(topic: str) -> str:

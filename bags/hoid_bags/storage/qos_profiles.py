@@ -19,12 +19,12 @@ from hoid_common.io.yaml_file import parse_yaml
 _FOREVER = QosTime(9223372036, 854775807)  # RMW_DURATION_INFINITE, as rosbag2 writes it
 
 
-def reliable_qos(depth: int = 10, *, latched: bool = False) -> Qos:
-    """Return a reliable profile as rosbag2 stores it; latched: with transient-local durability."""
+def recorded_qos(depth: int = 10, *, reliable: bool = True, latched: bool = False) -> Qos:
+    """Return a profile as rosbag2 stores it; latched: with transient-local durability."""
     return Qos(
         history=QosHistory.KEEP_LAST,
         depth=depth,
-        reliability=QosReliability.RELIABLE,
+        reliability=QosReliability.RELIABLE if reliable else QosReliability.BEST_EFFORT,
         durability=QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE,
         deadline=_FOREVER,
         lifespan=_FOREVER,
@@ -51,9 +51,8 @@ def _profile(entry: dict[Any, Any]) -> Qos:
     depth = entry.get('depth')
     latched = (QosDurability.TRANSIENT_LOCAL.value, 'transient_local')
     best_effort = (QosReliability.BEST_EFFORT.value, 'best_effort')
-    qos = reliable_qos(
-        depth if isinstance(depth, int) else 0, latched=entry.get('durability') in latched
+    return recorded_qos(
+        depth if isinstance(depth, int) else 0,
+        reliable=entry.get('reliability') not in best_effort,
+        latched=entry.get('durability') in latched,
     )
-    if entry.get('reliability') in best_effort:
-        return qos._replace(reliability=QosReliability.BEST_EFFORT)
-    return qos

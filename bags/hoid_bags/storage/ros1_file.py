@@ -21,7 +21,7 @@ from rosbags.typesys.base import TypesysError
 from hoid_bags.storage import bag_types
 from hoid_bags.storage.bag_types import TF_MESSAGE, ensure_type, shared_typestore
 from hoid_bags.storage.chunks import unpack
-from hoid_bags.storage.qos_profiles import reliable_qos
+from hoid_bags.storage.qos_profiles import recorded_qos
 from hoid_bags.storage.viewer_bag import Converter, viewer_topic
 from hoid_common import topics
 from hoid_common.errors import InputError
@@ -57,7 +57,7 @@ class Ros1File(Reader):
                 topic=_FORBIDDEN.sub('_', name),
                 msgtype=_RENAMED.get(type_name, type_name),
                 ext=ConnectionExtRosbag2(
-                    'cdr', [reliable_qos(latched=is_latched or name == topics.TF_STATIC)]
+                    'cdr', [recorded_qos(latched=is_latched or name == topics.TF_STATIC)]
                 ),
             )
             converter = viewer.convert if viewer else _converter(self.connections[i])
