@@ -5,9 +5,7 @@ from __future__ import annotations
 import dataclasses
 import shutil
 import time
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from hoid_bags.bag.bag_reader import BagReader
 from hoid_bags.bag.bag_sequence import BagSequence
@@ -34,13 +32,7 @@ _QUIET_S = 2.0  # chosen: all images are processed if no result comes for this t
 
 
 def replay(
-    bag: BagSequence,
-    config: ReplayConfig,
-    out_dir: Path,
-    *,
-    options: Mapping[str, Any] | None = None,
-    recording: Path | None = None,
-    show_progress: bool = True,
+    bag: BagSequence, config: ReplayConfig, out_dir: Path, *, recording: Path | None = None
 ) -> Summary:
     """Start the nodes, play a bag to them, and write the results.
 
@@ -49,18 +41,12 @@ def replay(
 
     Args:
         out_dir: Folder for the results. Its subfolder `logs`, for logs of processes, is emptied.
-        options: Options for the summary; None or empty: strategy, seed and all changed parameters.
         recording: Path in the summary; None: the path of the bag.
     """
-    summary_options = {
-        **(options or config.run.summary_options()),
-        'rate': config.rate,
-        'lockstep': config.lockstep,
-    }
     with scratch_folder(out_dir, 'replay') as folder, own_domain():
         live = _LiveRun(bag, config, folder.resolve(), out_dir / 'logs')
         try:
-            result = live.run(summary_options, show_progress=show_progress)
+            result = live.run()
         finally:
             clean_shared_memory()
     return write_outputs(out_dir, dataclasses.replace(result, recording=recording or bag.path))
@@ -72,7 +58,7 @@ class _LiveRun:
     def __init__(
         self, bag: BagSequence, config: ReplayConfig, folder: Path, log_dir: Path
     ) -> None:
-        self._bag, self._folder, self._log_dir = bag, folder, log_dir
+        self._bag, self._config, self._folder, self._log_dir = bag, config, folder, log_dir
         shutil.rmtree(log_dir, ignore_errors=True)
         self._nodes = node_specs(replay_plan.node_options(bag, config, folder))
         self._camera_info = _first_camera_info(bag)
@@ -80,7 +66,7 @@ class _LiveRun:
         # By process: number of cores in use while the bag is played.
         self._cpu_share: dict[str, float] = {}
 
-    def run(self, summary_options: Mapping[str, Any], *, show_progress: bool) -> RunResult:
+    def run(self) -> RunResult:
         check_shared_memory(len(self._nodes) + _NUM_OTHER_PROCESSES)
         with ros_session('hoid_replay') as node:
             recorder = LiveRecorder(
@@ -89,8 +75,8 @@ class _LiveRun:
             with Supervisor(self._nodes, log_dir=self._log_dir) as nodes:
                 self._wait_until_ready(recorder, nodes)
                 with Supervisor([self._player], log_dir=self._log_dir) as player:
-                    self._record(recorder, nodes, player, show_progress=show_progress)
-                return self._result(recorder, nodes, summary_options)
+                    self._record(recorder, nodes, player)
+                return self._result(recorder, nodes)
 
     def _wait_until_ready(self, recorder: LiveRecorder, nodes: Supervisor) -> None:
         """Wait until the filter and the SLAM node can receive images; InputError after 90 s.
@@ -107,14 +93,7 @@ class _LiveRun:
                     f'nodes not ready after {_READY_TIMEOUT_S:g} s: {missing}; see {self._log_dir}'
                 )
 
-    def _record(
-        self,
-        recorder: LiveRecorder,
-        nodes: Supervisor,
-        player: Supervisor,
-        *,
-        show_progress: bool,
-    ) -> None:
+    def _record(self, recorder: LiveRecorder, nodes: Supervisor, player: Supervisor) -> None:
         """Record until the bag has been played and then no image is processed for 2 s.
 
         The processor time of the nodes and the player is measured while the bag is played.
@@ -122,7 +101,7 @@ class _LiveRun:
         metrics = recorder.metrics
         start_s, cpu_before_s = time.monotonic(), nodes.cpu_s()
         measured_s, cpu_after_s = start_s - _CPU_PERIOD_S, cpu_before_s
-        with progress(None, len(self._bag), 'frames', show=show_progress) as bar:
+        with progress(None, len(self._bag), 'frames') as bar:
             while player.pids:
                 recorder.spin(_TICK_S)
                 self._raise_for(nodes.poll())
@@ -147,9 +126,7 @@ class _LiveRun:
         for ended in exits:
             raise InputError(f'{ended}: {last_line(self._log_dir / f"{ended.name}.log")}')
 
-    def _result(
-        self, recorder: LiveRecorder, nodes: Supervisor, summary_options: Mapping[str, Any]
-    ) -> RunResult:
+    def _result(self, recorder: LiveRecorder, nodes: Supervisor) -> RunResult:
         status, metrics = recorder.last_status, recorder.metrics
         if status is None or not metrics.num_processed:
             raise InputError(f'rgbd_slam processed no image; see {self._log_dir}')
@@ -160,7 +137,11 @@ class _LiveRun:
         self._raise_for(nodes.poll())
         return RunResult(
             input_name=self._bag.name,
-            options=summary_options,
+            options={
+                **self._config.run.summary_options(),
+                'rate': self._config.rate,
+                'lockstep': self._config.lockstep,
+            },
             # The nodes match color and depth images one by one, which may give a few more pairs
             # than the best matching of all images.
             frames_total=max(len(self._bag), metrics.num_processed),

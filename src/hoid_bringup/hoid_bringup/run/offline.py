@@ -224,7 +224,6 @@ def run_offline(
     *,
     detect: DetectionSource | None = None,
     dense: bool = False,
-    options: Mapping[str, Any] | None = None,
     recording: Path | None = None,
     maps: MapFiles = MapFiles(),  # noqa: B008 - immutable
     T_base_camera: FloatArray | None = None,
@@ -237,7 +236,6 @@ def run_offline(
     cannot be written.
 
     Args:
-        options: Options for the summary; None: strategy, seed and all changed parameters.
         recording: Path of the recording in the summary.
         T_base_camera: (4, 4) pose of the camera on a level base; None: the camera is level.
     """
@@ -252,8 +250,8 @@ def run_offline(
     for frame in bar:
         done = pipeline.process(frame)
         bar.set_postfix_str(done.status.state.name.lower(), refresh=False)
-    options = config.summary_options() if options is None else options
-    summary = write_outputs(out_dir, pipeline.finish(sequence, options, recording))
+    result = pipeline.finish(sequence, config.summary_options(), recording)
+    summary = write_outputs(out_dir, result)
     if maps.save is not None:
         pipeline.save_map(maps.save)
     return summary
