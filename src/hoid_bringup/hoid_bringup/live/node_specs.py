@@ -42,7 +42,6 @@ class NodeOptions:
     use_sim_time: bool = False
     params_file: Path | None = None  # ROS parameter file for all nodes
     remappings: tuple[tuple[str, str], ...] = ()  # (from, to) of topics
-    log_level: str = 'info'
     # By node and dotted name: values of parameters.
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
@@ -65,7 +64,7 @@ def node_specs(options: NodeOptions) -> tuple[ProcessSpec, ...]:
 
 
 def _spec(package: str, options: NodeOptions) -> ProcessSpec:
-    arguments = ['--ros-args', '--log-level', options.log_level]
+    arguments = ['--ros-args', '--log-level', 'info']
     if options.namespace:
         arguments += ['-r', f'__ns:=/{options.namespace.strip("/")}']
     for name, target in options.remappings:

@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from threading import Event, Thread
 from types import FrameType
 
@@ -38,7 +38,7 @@ _throttle = LogThrottle(_LOG_PERIOD_S)
 _set_time = TimeSource.clock_callback
 
 
-def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+def run_node(make_node: Callable[[], Node]) -> int:
     """Create a node, run its callbacks until a signal or shutdown, and return the exit status.
 
     It is 0 if the signal comes while the node runs, and EXIT_INTERRUPTED before. A HoidError is
@@ -54,7 +54,7 @@ def run_node(make_node: Callable[[], Node], args: Sequence[str] | None = None) -
         with prefixed('', ConfigError, RuntimeError):  # rclpy's RCLError
             # rclpy's own handlers shut down the context in another thread while this one destroys
             # the node. Of 1200 exits with them, one crashed and three printed an error.
-            rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+            rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
         return _run(make_node, interrupt)
     except BaseException as error:
         if interrupt.came:  # code that is interrupted may have raised another error
