@@ -7,10 +7,9 @@ from __future__ import annotations
 
 import struct
 import zlib
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hoid_common.errors import InputError, replaced_by
 from hoid_common.values import ByteArray, Float32Array
@@ -42,6 +41,7 @@ def decode_exr(data: bytes, name: object) -> Float32Array:
         lines = _LINES[compression]
         if lines * line_bytes > _MAX_BLOCK_BYTES:
             raise InputError(f'{name}: EXR image of {len(channels)} channels in {width} columns')
+        line = np.dtype([(channel, kind, (width,)) for channel, kind in channels.items()])
         image = np.zeros((height, width), np.float32)
         first_row = struct.unpack_from('<i', attributes['dataWindow'], 4)[0]
         for offset in struct.unpack_from(f'<{-(-height // lines)}Q', data, at):
@@ -50,14 +50,8 @@ def decode_exr(data: bytes, name: object) -> Float32Array:
             count = min(lines, height - (row - first_row))
             if row < first_row or count < 1:
                 raise ValueError('block outside of the image')
-            rows = _unpacked(block, count * line_bytes).reshape(count, line_bytes)
-            start = 0
-            for channel, kind in channels.items():
-                end = start + width * np.dtype(kind).itemsize
-                if channel == chosen:
-                    values: NDArray[Any] = np.ascontiguousarray(rows[:, start:end]).view(kind)
-                    image[row - first_row : row - first_row + count] = values
-                start = end
+            rows = _unpacked(block, count * line_bytes).view(line)
+            image[row - first_row : row - first_row + count] = rows[chosen]
         return image
 
 
