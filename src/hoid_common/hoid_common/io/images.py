@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import struct
 from array import array
-from typing import Any, Protocol, TypeAlias, cast
+from dataclasses import dataclass
+from typing import Any, TypeAlias, cast
 
 import cv2
 import numpy as np
@@ -73,8 +74,9 @@ UNIT_REMEDY = 'set the units with --depth-factor, or input.depth_units_per_m of 
 """Text for errors: the option and the parameter that correct a wrong unit of depth messages."""
 
 
-class RawImage(Protocol):
-    """The fields of sensor_msgs/Image that carry pixels."""
+@dataclass(frozen=True, eq=False)
+class RawImage:
+    """The fields of sensor_msgs/Image that carry pixels; a message can take its place."""
 
     height: int
     width: int

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import struct
 import zlib
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 from backports.zstd import ZstdDecompressor, ZstdError
 
 from hoid_common.errors import MessageError, replaced_by
+from hoid_common.io.images import RawImage
 from hoid_common.values import MAX_PIXELS
 
 ZSTD_FORMAT = 'zstd'
@@ -19,19 +20,7 @@ _MAX_PIXEL_BYTES = 8
 _GZIP, _ANY_ZLIB = b'\x1f\x8b', 47
 
 
-@dataclass
-class StoredImage:
-    """The fields of sensor_msgs/Image that describe pixels, and the pixels."""
-
-    height: int
-    width: int
-    encoding: str
-    is_bigendian: int
-    step: int
-    data: bytes
-
-
-def stored_head(data: bytes) -> StoredImage:
+def stored_head(data: bytes) -> RawImage:
     """Return an image with its pixels still compressed; MessageError if its header is invalid."""
     if len(data) < _HEAD.size:
         raise MessageError(f'zstd image has {len(data)} bytes, too few for its header')
@@ -42,10 +31,10 @@ def stored_head(data: bytes) -> StoredImage:
     if len(name) != length or not name.isascii():
         raise MessageError('zstd image has no encoding')
     packed = data[_HEAD.size + length :]
-    return StoredImage(height, width, name.decode(), is_bigendian, step, packed)
+    return RawImage(height, width, name.decode(), is_bigendian, step, packed)
 
 
-def stored_image(data: bytes) -> StoredImage:
+def stored_image(data: bytes) -> RawImage:
     head = stored_head(data)
     most = 3 * head.step * head.height  # NV24 has three times as many rows as the image
     problem = MessageError(f'zstd image of {len(data)} bytes cannot be unpacked')

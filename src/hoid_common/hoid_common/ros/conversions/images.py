@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple, cast
+from dataclasses import dataclass, fields
+from typing import Any, cast
 
 import numpy as np
 from builtin_interfaces.msg import Time
@@ -107,16 +108,14 @@ def _image_to_msg(pixels: images.Pixels, encoding: str, header: Header) -> Image
     )
 
 
-class ReceivedImage(NamedTuple):
-    """The fields of sensor_msgs/Image. `data` is a read-only view of the serialized bytes."""
+@dataclass(frozen=True, eq=False)
+class ReceivedImage(images.RawImage):
+    """The fields of sensor_msgs/Image.
+
+    `data` is a read-only view (N,) uint8 of the serialized bytes; its length is not checked.
+    """
 
     header: Header
-    height: int
-    width: int
-    encoding: str
-    is_bigendian: int
-    step: int
-    data: ByteArray  # (step * height,); its length is not checked
 
 
 def image_from_cdr(serialized: bytes) -> ReceivedImage:
@@ -127,12 +126,5 @@ def image_from_cdr(serialized: bytes) -> ReceivedImage:
             'Any', _TYPES.deserialize_cdr(memoryview(serialized), 'sensor_msgs/msg/Image')
         )
         stamp = Time(sec=image.header.stamp.sec, nanosec=image.header.stamp.nanosec)
-    return ReceivedImage(
-        Header(stamp=stamp, frame_id=image.header.frame_id),
-        image.height,
-        image.width,
-        image.encoding,
-        image.is_bigendian,
-        image.step,
-        image.data,
-    )
+    pixels = {field.name: getattr(image, field.name) for field in fields(images.RawImage)}
+    return ReceivedImage(header=Header(stamp=stamp, frame_id=image.header.frame_id), **pixels)
