@@ -180,7 +180,8 @@ class PoseConsensus:
         halves = self._halves(deciding, fit)
         competing = (self._hypothesis_of_half(deciding, *half, fit) for half in halves)
         best, second = _best_two(fit, (other for other in competing if other is not None))
-        disagreement = _disagreement(*(own for _, own in halves)) if halves else None
+        poses = [own for _, own in halves]
+        disagreement = None if is_initial or not poses else _disagreement(*poses)
         unbiased = None if is_initial else self._without_biasing_region(deciding, best)
         if unbiased is None:
             estimate = self._widened(problem, deciding, best, fit_to_all)

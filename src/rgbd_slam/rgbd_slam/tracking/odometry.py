@@ -269,8 +269,8 @@ class Odometry:
         """Update the covariances from the residuals and, if known, from the pose noise.
 
         If too few map points are seen, the tracker measures only the motion since the last frame,
-        and the covariance of the last pose is added to that of this motion. Errors that
-        last and those of a recent bridge are added once.
+        and the covariance of the last pose is added to that of this motion. Errors that last and
+        those of a recent bridge are added once.
         """
         consensus = tracking.consensus
         noise = self._pose_noise.covariance(consensus.image_covariance)
