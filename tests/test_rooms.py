@@ -41,6 +41,7 @@ from hoid_scene.objects.mapped_object import MapObject
 from hoid_scene.scene_scheduler import SceneRequest
 from hoid_scene.tracks.object_track import TrackedObject
 from hoid_synth.config import SceneConfig
+from hoid_synth.mesh import Surface, box, merged
 from hoid_synth.room_truth import RoomTruth
 from hoid_synth.truth import object_states, people_centers
 from rgbd_slam.mapping.slam_map import SlamStats
@@ -231,11 +232,32 @@ def test_carries_are_scored(truth: RoomTruth, sequence: BagSequence) -> None:
     history = history_of(shown, keeps_number=True)
     scores = score_carries(placed_objects(history), carries, truth)
     assert scores.num_known == scores.num_kept == len(shown)
+    num_both_seen = sum(carry.is_both_seen for carry in shown)
+    assert scores.num_both_seen == scores.num_both_kept == num_both_seen
     assert scores.put_down_m == pytest.approx([np.linalg.norm(OFFSET_M)] * len(shown))
     assert (scores.num_handled, scores.num_false) == (len(shown), 0)
     other = history_of(shown, keeps_number=False)
     new = score_carries(placed_objects(other), carries, truth)
     assert (new.num_known, new.num_kept) == (len(shown), 0)
+    assert (new.num_both_seen, new.num_both_kept) == (num_both_seen, 0)
+
+
+def test_the_old_place_of_a_carry_must_be_shown_without_the_object(
+    truth: RoomTruth, sequence: BagSequence
+) -> None:
+    carries = true_carries(truth, sequence)
+    both = [carry for carry in carries if carry.is_both_seen]
+    assert both
+    assert all(carry.is_shown for carry in both)
+    stage, half_m = truth.stage, np.full(3, 0.05)
+    places_m = [se3.transform(truth.T_world_map, c.from_map_m[None])[0] for c in both]
+    covers = [box(m - half_m, m + half_m, Surface(0)) for m in places_m]
+    static = merged([stage.world.static, *covers])
+    covered = RoomTruth(SCENE, T_BODY_OPTICAL)
+    covered.stage = replace(stage, world=replace(stage.world, static=static))
+    found = true_carries(covered, sequence)
+    assert [carry.is_shown for carry in found] == [carry.is_shown for carry in carries]
+    assert not any(carry.is_both_seen for carry in found)
 
 
 def test_an_object_that_nobody_touched_is_called_moved_wrongly(truth: RoomTruth) -> None:

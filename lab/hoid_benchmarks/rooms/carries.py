@@ -14,13 +14,16 @@ from hoid_benchmarks.rooms.room_run import ObjectHistory, Tracks
 from hoid_common import se3
 from hoid_common.values import Detections, FloatArray, ObjectState
 from hoid_synth.acting.acting import ObjectTrack
+from hoid_synth.render.tracer import Tracer
 from hoid_synth.room.world import PlacedProp
 from hoid_synth.room_truth import RoomTruth
 
 # Chosen: a carry is evaluated if the object was shown for this long before and after it, with a
 # box of at least so many pixels at VGA, and nearer than this. The time after it is that after
-# which the dense map must show the object (`RoomTruth`).
-_BEFORE_S, _AFTER_S, _MIN_BOX_PX, _RANGE_M = 1.0, 2.0, 400, 5.0
+# which the dense map must show the object (`RoomTruth`). Both ends are seen if images also show
+# through the old place for the third time before the object is gripped again.
+_BEFORE_S, _AFTER_S, _EMPTY_S, _MIN_BOX_PX, _RANGE_M = 1.0, 2.0, 1.0, 400, 5.0
+_EVERY = 3  # images of the 30 Hz camera for each in which the old place is looked at
 _MOVED_M = 0.15  # an object that was put down nearer to its old place was not carried
 # A place is filled if the dense map has points within this distance of this share of the surface
 # that was seen there.
@@ -78,6 +81,7 @@ class TrueCarry(NamedTuple):
     from_map_m: FloatArray  # (3,) center of the object at its old place
     to_map_m: FloatArray  # (3,) center at its new place
     is_shown: bool  # whether it was shown long enough at both places to be evaluated
+    is_both_seen: bool = False  # whether the old place was shown without it as well
 
 
 class CarryScores(NamedTuple):
@@ -85,6 +89,8 @@ class CarryScores(NamedTuple):
 
     num_known: int  # evaluated carries of objects that were in the map, or tracked, before
     num_kept: int  # of these, with the same number at the new place
+    num_both_seen: int  # of `num_known`, with both ends seen
+    num_both_kept: int  # of these, with the same number at the new place
     put_down_m: FloatArray  # (M,) errors of the centers of objects found at the new place
     num_handled: int  # times that an object was called handled or moved
     num_false: int  # of these, nobody had touched the object
@@ -111,7 +117,8 @@ def true_carries(truth: RoomTruth, sequence: BagSequence) -> list[TrueCarry]:
                 and _shown_s(truth, sequence, name, at_m[1], end, until) >= _AFTER_S
             )
             old_m, new_m = se3.transform(T_map_world, at_m)
-            out.append(TrueCarry(k, name, first, end, until, old_m, new_m, is_shown))
+            is_both_seen = is_shown and _empty_s(truth, at_m[0], first, until) >= _EMPTY_S
+            out.append(TrueCarry(k, name, first, end, until, old_m, new_m, is_shown, is_both_seen))
     return out
 
 
@@ -143,9 +150,31 @@ def _shown_s(
     return count / config.rate_hz
 
 
+def _empty_s(truth: RoomTruth, place_m: FloatArray, first: int, end: int) -> float:
+    """Return for how long [s] images show through a place between two frames."""
+    stage, config = truth.stage, truth.stage.config
+    size_px = config.camera.width_px, config.camera.height_px
+    static, count = Tracer(stage.static_mesh.vertices_m, stage.static_mesh.faces), 0
+    step = max(_EVERY // config.every, 1)
+    for i in range(first, end, step):
+        T_world_camera = stage.T_world_camera[i]
+        point = se3.transform(se3.inverse(T_world_camera), place_m[None])
+        if not 0 < point[0, 2] < _RANGE_M:
+            continue
+        uv = config.camera.project_px(point)[0]
+        moving = stage.moving_mesh(i)
+        if not ((uv >= 0) & (uv < size_px)).all() or moving is None:
+            continue
+        origin_m = T_world_camera[None, :3, 3].astype(np.float32)
+        offset_m = (place_m - origin_m).astype(np.float32)
+        tracers = static, Tracer(moving.vertices_m, moving.faces)
+        count += not any(tracer.occluded(origin_m, offset_m)[0] for tracer in tracers)
+    return count * step / config.rate_hz
+
+
 def score_carries(history: History, carries: list[TrueCarry], truth: RoomTruth) -> CarryScores:
     """Return how the objects of a map, or the tracks, followed the carries."""
-    num_known = num_kept = 0
+    num_known = num_kept = num_both_seen = num_both_kept = 0
     errors_m = []
     for carry in carries:
         if not carry.is_shown:
@@ -153,14 +182,24 @@ def score_carries(history: History, carries: list[TrueCarry], truth: RoomTruth) 
         before = _found(history, truth, carry, carry.from_map_m, carry.first)
         if before is None:
             continue
-        num_known += 1
         after = _found(history, truth, carry, carry.to_map_m, carry.until)
+        is_kept = after is not None and after.number == before.number
+        num_known, num_kept = num_known + 1, num_kept + is_kept
+        num_both_seen += carry.is_both_seen
+        num_both_kept += carry.is_both_seen and is_kept
         if after is not None:
-            num_kept += after.number == before.number
             errors_m.append(float(np.linalg.norm(after.center_map_m - carry.to_map_m)))
     departures = list(_departures(history))
     num_false = sum(not _is_true(d, carries, truth) for d in departures)
-    return CarryScores(num_known, num_kept, np.array(errors_m), len(departures), num_false)
+    return CarryScores(
+        num_known,
+        num_kept,
+        num_both_seen,
+        num_both_kept,
+        np.array(errors_m),
+        len(departures),
+        num_false,
+    )
 
 
 def _found(

@@ -72,14 +72,14 @@ def object_table() -> ScoreTable[ObjectScores]:
 def carry_table() -> ScoreTable[CarryScores]:
     """Return the table of objects that people carry, by their source."""
     header = (
-        'room', 'objects of', 'known objects carried', 'same number', 'put-down error cm',
-        'called handled', 'of these false',
+        'room', 'objects of', 'known objects carried', 'same number', 'both ends seen',
+        'same number', 'put-down error cm', 'called handled', 'of these false',
     )  # fmt: skip
     return ScoreTable(
         header,
         lambda s: (
-            str(s.num_known), str(s.num_kept), _errors(s.put_down_m), str(s.num_handled),
-            str(s.num_false),
+            str(s.num_known), str(s.num_kept), str(s.num_both_seen), str(s.num_both_kept),
+            _errors(s.put_down_m), str(s.num_handled), str(s.num_false),
         ),
     )  # fmt: skip
 
