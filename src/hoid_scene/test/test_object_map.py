@@ -236,6 +236,28 @@ def test_an_object_that_was_seen_four_times_keeps_its_id() -> None:
     assert after.state is ObjectState.MOVED
 
 
+@pytest.mark.parametrize('times', [3, 6])
+def test_an_object_that_was_followed_keeps_its_id_at_once(times: int) -> None:
+    world, target = ObjectWorld(), moved(BEAR, (0.2, -0.6, 0.0))
+    rest = (track(BEAR, ObjectState.AT_REST),)
+    before = only(world.look(TABLE, BEAR, times=times, tracks=rest), 'teddy bear')
+    world.look(TABLE, times=5)
+    down = (track(target, ObjectState.MOVED),)
+    after = only(world.look(TABLE, target, tracks=down), 'teddy bear')
+    assert after.object_id == before.object_id
+    assert after.state is ObjectState.MOVED
+
+
+def test_an_object_at_its_place_is_not_moved_by_its_track() -> None:
+    world, other = ObjectWorld(), moved(BEAR, (0.2, -0.6, 0.0))
+    rest = (track(BEAR, ObjectState.AT_REST),)
+    before = only(world.look(TABLE, BEAR, times=6, tracks=rest), 'teddy bear')
+    tracks = (track(other, ObjectState.MOVED),)
+    after = only(world.look(TABLE, BEAR, other, tracks=tracks), 'teddy bear')
+    assert after.object_id == before.object_id
+    assert after.state is ObjectState.AT_REST
+
+
 def test_visible_objects_at_rest_are_expected_where_they_are() -> None:
     world = ObjectWorld()
     world.look(TABLE, CUP, BOOK, BEAR, times=5)

@@ -89,7 +89,9 @@ class Carrying:
 
         Return the objects without these new objects.
         """
-        new = [item for item in objects if item.is_present and item.is_confirmed]
+        new = [
+            item for item in objects if item.is_present and (item.is_confirmed or item.was_carried)
+        ]
         removed: set[int] = set()
         for item in sorted(objects, key=_join_order):
             is_fixed = item.class_name in _HEAVY and not item.is_loaded
@@ -119,17 +121,19 @@ class Carrying:
         `other` must be of the same class, and seen first after the last sighting of `item`.
         3: they have the same track. 2: the place of `item` is seen without it, and `other` was
         carried to its place. 1: the place of `item` is empty, and since then a person was at the
-        place of `other`, or `item` was out of view for a minute.
+        place of `other`, or `item` was out of view for a minute. `other` must be confirmed and
+        `item` reliable, unless `item` has left and its track was carried to `other`.
         """
-        if not _may_be(item, other) or not _is_reliable(item):
+        if not _may_be(item, other):
             return 0
         seen = item.evidence
-        is_same_track = item.track_id == other.track_id != -1
-        has_left = item.left_as is ObjectState.HANDLED or seen.num_through >= _MIN_THROUGH
-        if is_same_track and (other.was_carried or has_left):
+        has_left = not item.is_present or seen.num_through >= _MIN_THROUGH
+        is_sure = other.is_confirmed and _is_reliable(item)
+        if item.track_id == other.track_id != -1 and other.was_carried + has_left + is_sure >= 2:
             return 3
         track = tracks.get(item.track_id)
-        if not _is_as_large(item, other) or _is_elsewhere(track, (item, other), stamp_ns):
+        is_other = not _is_as_large(item, other) or _is_elsewhere(track, (item, other), stamp_ns)
+        if is_other or not is_sure:
             return 0
         if other.was_carried and (seen.num_absent >= _MIN_ABSENT or not item.is_present):
             return 2
