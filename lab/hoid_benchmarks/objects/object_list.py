@@ -29,7 +29,7 @@ def listed_recordings() -> list[str]:
 
 
 def reference_up(name: str) -> FloatArray | None:
-    """Return the axis (3,) that points up in the frame of the reference poses, or None."""
+    """Return the direction up (3,) in the frame of the reference poses, or None."""
     up = read_yaml(_LISTS / f'{name}.yaml').get('up')
     return None if up is None else np.array(up, float)
 
