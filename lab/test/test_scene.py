@@ -180,6 +180,12 @@ def test_the_second_take_begins_elsewhere_without_a_sign() -> None:
         assert ahead.min() < -0.5  # it looks in all directions
 
 
+def test_the_velocity_at_an_image_is_that_of_the_path() -> None:
+    stage = set_stage(SceneConfig(path='rpy', num_people=0, width_px=64, pace=0.3))
+    around = 0.5 * (stage.twist(10) + stage.twist(11)) * stage.config.rate_hz
+    np.testing.assert_allclose(stage.velocity(11), around, atol=0.02)
+
+
 def test_people_keep_clear_of_the_camera() -> None:
     stage = renderer().stage
     eye = stage.T_world_camera[:, None, :2, 3]

@@ -28,6 +28,7 @@ from hoid_synth.room.world import World, pose
 # is visible: half the field of view is 37 degrees, and a shadow is at most 1.8 m long.
 _NEAR_M, _SIDE_RAD = 5.0, np.radians(60)
 _CUT_M = 0.4  # no camera moves as far between two images
+_STEP_S = 1e-3  # chosen: of the differences that give a velocity
 _BELOW_M = 100.0  # farther than the light of any lamp
 _CAMERA_ZONE: Rect = (WIDTHS_M[0] / 2 - 1.6, 0.0, WIDTHS_M[0] / 2 + 1.6, 1.45)
 
@@ -53,6 +54,13 @@ class Stage:
         if np.linalg.norm(T[i + 1, :3, 3] - T[i, :3, 3]) > _CUT_M:
             i -= 1
         return se3.log(se3.inverse(T[i]) @ T[i + 1])
+
+    def velocity(self, i: int) -> FloatArray:
+        """Return the camera's velocity (6,) at frame i, rotation first [rad/s, m/s]."""
+        config = self.config
+        times_s = config.pace * (config.start_s + config.time_s(i) + np.array([0.0, _STEP_S]))
+        now, after = camera_poses(config, times_s)
+        return se3.log(se3.inverse(now) @ after) / _STEP_S
 
     @cached_property
     def static_mesh(self) -> Mesh:

@@ -122,9 +122,8 @@ class Renderer:
             rotation, origin = T[:3, :3].astype(np.float32), T[:3, 3].astype(np.float32)
             return _View(T, origin[None], self._rays @ rotation.T)
         height, width = self._shape
-        frames = self._config.shutter_s * self._config.rate_hz
-        share = frames * ((np.arange(height) + 0.5) / height - 0.5)
-        rows = T @ se3.exp(share[:, None] * self._stage.twist(i))
+        after_s = self._config.shutter_s * ((np.arange(height) + 0.5) / height - 0.5)
+        rows = T @ se3.exp(after_s[:, None] * self._stage.velocity(i))
         rays = self._rays.reshape(height, width, 3)
         directions = rays @ rows[:, :3, :3].swapaxes(1, 2).astype(np.float32)
         origins = np.repeat(rows[:, :3, 3].astype(np.float32), width, axis=0)
