@@ -10,7 +10,7 @@ import numpy as np
 
 from hoid_common import se3
 from hoid_common.slam_status import SlamState
-from hoid_common.values import CameraModel, Features
+from hoid_common.values import CameraModel, Features, FloatArray
 from rgbd_slam.config.slam_config import SlamConfig
 from rgbd_slam.inertial.imu import Imu
 from rgbd_slam.mapping.mapper import KeyframeRequest
@@ -71,6 +71,7 @@ class RgbdSlam:
         self._tracked: TrackingResult | None = None  # result for the last tracked image
         self._noise = NoiseEstimator(stereo)
         self._shutter = RollingShutter(*camera.size_px)
+        self._exposed: Frame  # the current image, not compensated for rolling shutter
         self._tracker = Tracker(stereo, atlas, config.tracking, config.seed)
         if imu is not None:
             self._tracker.min_inliers = self.odometry.min_inliers
@@ -143,14 +144,13 @@ class RgbdSlam:
         return self.map.stats(self._relocalizer.num_found)
 
     def _prepare(self, features: Features) -> Frame:
-        """Return the undistorted frame with u_right, compensated for rolling shutter."""
+        """Return the undistorted frame with u_right."""
         check_octaves(features, self._config.camera.num_octaves)
         frame = Frame.from_features(features, self._model, self._camera)
         if self.states.image(frame.stamp_ns):
             self.odometry.forget_velocity()
             self._policy.restart()
-        twist, _ = self.odometry.twist_at(frame.stamp_ns)
-        return self._shutter.compensated(frame, self._camera, twist)
+        return frame
 
     def _find(self, frame: Frame) -> TrackerOutput | None:
         """Track a frame from the last one, or relocalize it; None: the camera is lost.
@@ -160,9 +160,13 @@ class RgbdSlam:
         odometry, last, num_bridged = self.odometry, self.odometry.last, self.states.num_bridged
         bridge = odometry.bridge() if num_bridged else None
         tracking = None
+        self._exposed = frame
+        frame = self._shutter.compensated(frame, self._camera, odometry.twist_at(frame.stamp_ns))
         if last is not None:
-            prior = odometry.prior()
-            tracking = self._tracker.track(frame, last, *odometry.predict(), prior=prior)
+            prior, corrected = odometry.prior(), self._corrected
+            tracking = self._tracker.track(
+                frame, last, *odometry.predict(), prior=prior, corrected=corrected
+            )
         if tracking is None:
             # While the map grows, a later merge connects a map that is not the main one. In
             # localization, there is no merge.
@@ -177,6 +181,11 @@ class RgbdSlam:
             self.trajectory.end_bridge(num_bridged, bridge.T_map_camera, tracking.tracked)
         self.states.tracked(tracking.tracked.frame, is_on_map=tracking.is_on_map)
         return tracking
+
+    def _corrected(self, T_last_camera: FloatArray) -> Frame:
+        """Return the current frame, compensated for the velocity of a motion (4, 4)."""
+        twist = self.odometry.twist_by(T_last_camera, self._exposed.stamp_ns)
+        return self._shutter.compensated(self._exposed, self._camera, twist)
 
     def _result(self, tracking: TrackerOutput, start_s: float) -> TrackingResult:
         return TrackingResult(
@@ -279,8 +288,8 @@ class RgbdSlam:
         self._tallies.add(tracking.tally)
         self._noise.add(tracked, self._atlas)
         if self._config.camera.rolling_shutter:
-            view = self.odometry.moving_view(tracking)
-            self._shutter.add(view, self._atlas, self._noise.camera)
+            view = self.odometry.moving_view(self._exposed, tracking.matched)
+            self._shutter.add(view, self._noise.camera, self._atlas.octave_scale)
         self._tracker.use_camera(self._noise.camera)
         self.trajectory.add(tracked)
         self._warm_up.add(tracked)

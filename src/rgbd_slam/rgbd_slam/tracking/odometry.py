@@ -9,9 +9,10 @@ from typing import NamedTuple
 import numpy as np
 
 from hoid_common import se3
-from hoid_common.values import S_PER_NS, FloatArray
+from hoid_common.values import S_PER_NS, FloatArray, IntArray
 from rgbd_slam.config.slam_config import TrackingConfig
 from rgbd_slam.model.atlas import Atlas
+from rgbd_slam.model.frame import Frame
 from rgbd_slam.model.tracked_frame import TrackedFrame
 from rgbd_slam.model.trajectory import main_map
 from rgbd_slam.optimize.pose_optimizer import UNKNOWN_COVARIANCE, PosePrior
@@ -78,6 +79,7 @@ class Odometry:
         self._gyro = gyro
         self._sources: list[MotionSource] = [] if gyro is None else [gyro]
         self._sources += further_sources
+        self._elapsed_s = 0.0  # time over which `twist` was tracked
         self._stamp_ns = 0  # stamp of the latest image, set by `follow`
         self._T_odom_last = self.T_odom_camera
         self._pose_noise, self._lasting_noise = PoseNoise(), LastingNoise()
@@ -89,21 +91,37 @@ class Odometry:
         for source in self._sources:
             source.advance(stamp_ns)
 
-    def twist_at(self, stamp_ns: int) -> tuple[FloatArray, bool]:
-        """Return the velocity (6,) at an image, and whether a gyro has measured its rotation.
+    def twist_at(self, stamp_ns: int) -> FloatArray:
+        """Return the velocity (6,) of points in the camera frame at an image, rotation first.
 
-        It is the velocity of points in the camera frame, rotation first (rad/s, m/s). What no gyro
-        measures is taken from `twist`, the last tracked velocity.
+        What no gyro measures is taken from `twist`, the last tracked velocity (rad/s, m/s).
         """
-        rate_radps = None if self._gyro is None else self._gyro.rate_radps(stamp_ns)
-        if rate_radps is None:
-            return self.twist, False
-        return np.append(-rate_radps, self.twist[3:]), True
+        return self._with_rate(self.twist, stamp_ns)
 
-    def moving_view(self, tracking: TrackerOutput) -> MovingView:
-        tracked = tracking.tracked
-        twist = self.twist_at(tracked.frame.stamp_ns)
-        return MovingView(tracked, tracking.matched, self.T_odom_camera, *twist)
+    def twist_by(self, T_last_camera: FloatArray, stamp_ns: int) -> FloatArray:
+        """Return the velocity (6,) as `twist_at` does, after the motion T_last_camera (4, 4).
+
+        It is extrapolated by half an interval from the mean velocities of the last two motions.
+        """
+        last_ns = stamp_ns if self.last is None else self.last.frame.stamp_ns
+        elapsed_s = S_PER_NS * (stamp_ns - last_ns)
+        if elapsed_s <= 0:
+            return self.twist_at(stamp_ns)
+        twist = se3.log(se3.inverse(T_last_camera)) / elapsed_s
+        if self.twist.any():
+            twist += elapsed_s / (elapsed_s + self._elapsed_s) * (twist - self.twist)
+        return self._with_rate(twist, stamp_ns)
+
+    def moving_view(self, exposed: Frame, matched: IntArray) -> MovingView:
+        rate_radps = self._rate_radps(exposed.stamp_ns)
+        return MovingView(exposed, matched, self.T_odom_camera, rate_radps)
+
+    def _with_rate(self, twist: FloatArray, stamp_ns: int) -> FloatArray:
+        rate_radps = self._rate_radps(stamp_ns)
+        return twist if rate_radps is None else np.append(-rate_radps, twist[3:])
+
+    def _rate_radps(self, stamp_ns: int) -> FloatArray | None:
+        return None if self._gyro is None else self._gyro.rate_radps(stamp_ns)
 
     def predict(self) -> list[FloatArray]:
         """Return the predicted motions T_camera_last (4, 4), the most reliable first.
@@ -242,6 +260,7 @@ class Odometry:
         return int(keyframes.map_id[anchor.row]) == main_map(keyframes)
 
     def _observe(self, T_last_camera: FloatArray, elapsed_ns: int) -> None:
+        self._elapsed_s = S_PER_NS * elapsed_ns
         if elapsed_ns > 0:
             self.twist = se3.log(se3.inverse(T_last_camera)) / (S_PER_NS * elapsed_ns)
         else:

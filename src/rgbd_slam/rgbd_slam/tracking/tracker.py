@@ -121,6 +121,7 @@ class Tracker:
         last: TrackedFrame,
         *T_camera_last: FloatArray,
         prior: PosePrior | None = None,
+        corrected: Callable[[FloatArray], Frame] | None = None,
     ) -> TrackerOutput | None:
         """Return the tracked frame; None if no pose has enough inliers.
 
@@ -128,15 +129,21 @@ class Tracker:
         local map. The result is the first convincing pose, or else the one with most inliers. The
         predicted motions T_camera_last (4, 4), the most likely first, only place the search
         windows; the `prior` is used in the optimization together with the matches.
+        `corrected` returns the frame, compensated for rolling shutter at the velocity of a motion
+        T_last_camera (4, 4); it is called with that of each initial pose.
         """
         self._consensus.prior = prior
         if self._atlas.anchor(last.reference_uid) is None:
             return None
         best = None
+        T_last_map = se3.inverse(last.current_pose(self._atlas))
         for initial in self._initial_poses(frame, last, T_camera_last):
-            tracking = (
-                None if initial is None else self._refine(frame, initial, last.reference_uid)
-            )
+            if initial is None:
+                continue
+            seen = frame
+            if corrected is not None:
+                seen = corrected(T_last_map @ se3.inverse(initial.T_camera_map))
+            tracking = self._refine(seen, initial, last.reference_uid)
             if tracking is None:
                 continue
             if self._is_convincing(tracking, last):
