@@ -61,11 +61,10 @@ class PoseNoise:
 
 
 class LastingNoise:
-    """Estimates the part of the pose covariance whose errors last, such as those of the map.
+    """Estimates the covariance of poses by errors of the map, the calibration and the shutter.
 
-    Errors of the map, the calibration and the shutter displace the poses of near and of distant
-    points differently, in the same way for many images. The mean square of the difference, less
-    what independent pixels explain, is the variance of two halves of the points.
+    They displace the poses of near and of distant points differently, but in many images alike.
+    The mean square of the difference, less the independent noise, is the variance of both poses.
     """
 
     def __init__(self) -> None:

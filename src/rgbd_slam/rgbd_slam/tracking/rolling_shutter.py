@@ -112,9 +112,7 @@ class RollingShutter:
     def _compare(
         self, views: Sequence[MovingView], camera: StereoCamera, octave_scale: FloatArray
     ) -> tuple[float, float]:
-        """Return the evidence for the readout time of the second view and the last but one.
-
-        The views are successive; for the two results, see `_marginal_of_time`.
+        """Compare the second of successive views with the last but one by `_marginal_of_time`.
 
         The first image and its depth predict where the second one shows a point. A rolling shutter
         displaces the point from there if the velocity of the camera or the row of the point has
@@ -220,9 +218,8 @@ def _marginal_of_time(
 ) -> tuple[float, float]:
     """Return the information [1/s^2] about a readout time, and its product with this time [1/s].
 
-    The readout time is the one that explains the normalized residuals (3, N), together with a
-    correction of the pose, by a robust fit (Cauchy). Both results are 0 if the pose is not
-    determined.
+    The time explains the normalized residuals (3, N), together with a correction of the pose, by a
+    robust fit (Cauchy). Both results are 0 if the pose is not determined.
     """
     fit: FloatArray = np.zeros(7)
     left = np.zeros((2, 2))
