@@ -99,7 +99,6 @@ class CarryScores(NamedTuple):
 def true_carries(truth: RoomTruth, sequence: BagSequence) -> list[TrueCarry]:
     """Return all carries, in order of objects and time; the last ones may not end."""
     stage, frames = truth.stage, truth.stage.config.frames
-    T_map_world = se3.inverse(truth.T_world_map)
     out = []
     for k, (placed, track) in enumerate(zip(stage.world.props, stage.objects, strict=True)):
         centers_m = _centers_m(placed, track)
@@ -109,6 +108,7 @@ def true_carries(truth: RoomTruth, sequence: BagSequence) -> list[TrueCarry]:
         begins = [0, *ends][: len(grips)]
         for begin, first, end, until in zip(begins, grips, ends, next_grips, strict=True):
             at_m = centers_m[[first - 1, end]]
+            old_m, new_m = se3.transform(se3.inverse(truth.T_world_map), at_m)
             name = placed.prop.class_name
             is_shown = bool(
                 name
@@ -116,7 +116,6 @@ def true_carries(truth: RoomTruth, sequence: BagSequence) -> list[TrueCarry]:
                 and _shown_s(truth, sequence, name, at_m[0], begin, first) >= _BEFORE_S
                 and _shown_s(truth, sequence, name, at_m[1], end, until) >= _AFTER_S
             )
-            old_m, new_m = se3.transform(T_map_world, at_m)
             is_both_seen = is_shown and _empty_s(truth, at_m[0], first, until) >= _EMPTY_S
             out.append(TrueCarry(k, name, first, end, until, old_m, new_m, is_shown, is_both_seen))
     return out

@@ -140,14 +140,17 @@ class OfflinePipeline:
         request = self._scheduler.narrow(picked, filtered.objects)
         if request is not None:
             self._scene.use(request, frame.depth_m, frame.image_bgr, filtered.objects)
-        if self._imu is not None:
-            for news in self._imu.imu.trust.take_news():
-                _LOG.log(logging.WARNING if news.is_problem else logging.INFO, '%s', news.text)
         self._count(filtered)
         self._time(filtered, done.status.stage_ms, track_ms)
         if detections is not None:
             self.stage_ms['detect'].append(detect_ms)
+        self._log_imu()
         return done
+
+    def _log_imu(self) -> None:
+        if self._imu is not None:
+            for news in self._imu.imu.trust.take_news():
+                _LOG.log(logging.WARNING if news.is_problem else logging.INFO, '%s', news.text)
 
     def imu_report(self) -> ImuReport | None:
         return None if self._imu is None else report_of(self._imu.imu)

@@ -133,9 +133,7 @@ class RollingShutter:
         measured = after.measurement_px[k_second].T.astype(np.float64)
         scale = octave_scale[after.octave[k_second]]
         by_pose, residual = (v / _OF_PAIR for v in linearized(camera, x, measured, scale))
-        twist_first = _twist(views[0], first, views[2])
-        twist_second = _twist(views[-3], second, views[-1])
-        twists = np.stack([twist_second, se3.adjoint(T_second_first) @ twist_first])
+        twists = np.stack([_twist(*views[-3:]), se3.adjoint(T_second_first) @ _twist(*views[:3])])
         by_twist = (twists @ by_pose.reshape(6, -1)).reshape(2, 3, -1)
         by_time = self._rows(measured) * by_twist[0] - self._rows(before_px.T) * by_twist[1]
         return _marginal_of_time(by_pose, by_time, residual)
