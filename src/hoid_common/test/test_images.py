@@ -1,7 +1,7 @@
 import struct
 import zlib
 from array import array
-from types import SimpleNamespace
+from dataclasses import replace
 from typing import Any
 
 import cv2
@@ -22,11 +22,11 @@ COLOR = np.array([[[10, 20, 30], [40, 50, 60]], [[70, 80, 90], [5, 6, 7]]], np.u
 
 def message(
     pixels: NDArray[Any], encoding: str, *, padding: int = 0, bigendian: bool = False
-) -> SimpleNamespace:
+) -> images.RawImage:
     """Return an image message with padding at the end of each row."""
     rows = np.ascontiguousarray(pixels).view(np.uint8).reshape(len(pixels), -1)
     padded = np.pad(rows, ((0, 0), (0, padding)), constant_values=255)
-    return SimpleNamespace(
+    return images.RawImage(
         height=len(pixels),
         width=pixels.shape[1],
         encoding=encoding,
@@ -89,8 +89,8 @@ def test_valid_depth_in_meters_is_not_copied() -> None:
     assert np.shares_memory(images.decode_depth(image), np.frombuffer(image.data, np.uint8))
 
 
-def with_fields(**fields: Any) -> SimpleNamespace:
-    return SimpleNamespace(**(vars(message(COLOR, 'bgr8')) | fields))
+def with_fields(**fields: Any) -> images.RawImage:
+    return replace(message(COLOR, 'bgr8'), **fields)
 
 
 @pytest.mark.parametrize(
@@ -143,8 +143,7 @@ def test_packed_yuv_has_the_color_of_opencv(encoding: str, y: int, u: int, v: in
 
 def test_nv12_has_half_as_many_rows_of_chroma() -> None:
     planes = np.full((12, 16), 128, np.uint8)
-    image = message(planes, 'nv12')
-    image.height = 8
+    image = replace(message(planes, 'nv12'), height=8)
     assert images.decode_color(image).shape == (8, 16, 3)
 
 
