@@ -163,7 +163,8 @@ class RgbdSlam:
         self._exposed = frame
         frame = self._shutter.compensated(frame, self._camera, odometry.twist_at(frame.stamp_ns))
         if last is not None:
-            prior, corrected = odometry.prior(), self._corrected
+            prior = odometry.prior()
+            corrected = self._corrected if self._shutter.readout_s else None
             tracking = self._tracker.track(
                 frame, last, *odometry.predict(), prior=prior, corrected=corrected
             )
