@@ -40,7 +40,7 @@ def is_reading(depth_m: Float32Array) -> BoolArray:
 
 
 def readings_m(depth_m: Float32Array) -> Float32Array:
-    """Return depth (H, W) in m with 0 where it is no measurement; a copy if a pixel changes."""
+    """Return depth (H, W) in m with invalid values set to 0; the input itself if all are valid."""
     # Read as unsigned integers, the bits of positive floats are in ascending order, followed by
     # inf, NaN and all negative numbers. Subtracting 1 turns 0 into the largest number, so that it
     # is never the minimum.

@@ -43,7 +43,7 @@ Observations give_observations(graph::Observations&& found)
   return make<Observations>(std::move(found.i), std::move(found.k), std::move(found.j));
 }
 
-// Return the Python function of a method that changes N observations.
+// Wrap a method that changes N observations as a function that Python can call.
 using Change = void (ObservationGraph::*)(
   const graph::Numbers&, const graph::Numbers&, const graph::Numbers&);
 auto changing(Change change)

@@ -19,8 +19,8 @@ from rgbd_slam.model.map_state import NONE, MapState, joined_rows
 from rgbd_slam.records.soa_table import DEAD
 from rgbd_slam.store.tables import CHUNK, FeatureRows, PointRows, StateRows
 
-# Chosen: a part has up to so many keyframes (5 MB of features) and chunks of points (50,000
-# points), so that it is copied in a few ms.
+# Chosen: largest numbers of keyframes (5 MB of features) and of chunks of points (50,000 points)
+# in a part, so that a part is copied in a few ms.
 _MAX_KEYFRAMES, _MAX_CHUNKS = 96, 200
 _NEVER = -1  # in place of a version: the row was not copied yet
 _UNKNOWN = -2  # in place of a uid: no features are stored; -1 is the uid of an empty row

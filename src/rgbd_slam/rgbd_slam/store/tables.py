@@ -77,7 +77,7 @@ class FeatureRows(Record):
 
 @dataclass(frozen=True, eq=False)
 class StateRows(Record):
-    """The columns of keyframes' features that change."""
+    """Stored columns of keyframe features that may change after the keyframe was inserted."""
 
     # Row of the observed point, or NO_POINT.
     point: Annotated[NDArray[np.int32], column('i4', 'features')]
